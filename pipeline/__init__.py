@@ -1,0 +1,1 @@
+"""When and where: tasks, artifact store, presets and the command line. No numerics."""

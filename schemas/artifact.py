@@ -1,0 +1,127 @@
+"""The base of every artifact: a frozen pydantic model whose array fields state dtype, axes and unit.
+
+An artifact is written as plain JSON fields plus arrays. An array field is declared once,
+
+    points: Annotated[Float64[np.ndarray, "points 3"], Unit("normalised")]
+
+and everything else follows from that line: what is checked on construction (dtype, shape, axes of one
+name having one size across the whole artifact, finiteness), how the store writes it, and the array
+table of the manifest.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, model_validator
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The unit of an array field: "normalised" lengths, "input" lengths, "radian", "index", ..."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """What a schema says of one of its arrays."""
+
+    name: str
+    dtypes: tuple[str, ...]
+    dims: tuple[str, ...]
+    unit: str
+    optional: bool
+
+
+def _unwrap_optional(annotation: Any) -> tuple[Any, bool]:
+    if get_origin(annotation) in (Union, types.UnionType):
+        members = [member for member in get_args(annotation) if member is not type(None)]
+        if len(members) == 1:
+            return members[0], True
+    return annotation, False
+
+
+class Schema(BaseModel):
+    """A frozen model that refuses unknown keys: the base of everything that is written to disk."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+
+
+class Artifact(Schema):
+    """A schema with array fields. Nested artifacts are checked by themselves."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    array_specs_cache: ClassVar[dict[type, tuple[ArraySpec, ...]]] = {}
+
+    @classmethod
+    def array_specs(cls) -> tuple[ArraySpec, ...]:
+        """The array fields of this schema, in declaration order."""
+        if cls not in cls.array_specs_cache:
+            cls.array_specs_cache[cls] = tuple(cls._declared_arrays())
+        return cls.array_specs_cache[cls]
+
+    @classmethod
+    def _declared_arrays(cls) -> Iterator[ArraySpec]:
+        for name, field in cls.model_fields.items():
+            annotation, optional = _unwrap_optional(field.annotation)
+            if not hasattr(annotation, "dim_str"):
+                continue
+            units = [entry.name for entry in field.metadata if isinstance(entry, Unit)]
+            if len(units) != 1:
+                raise TypeError(f"{cls.__name__}.{name}: an array field states exactly one Unit")
+            yield ArraySpec(
+                name=name,
+                dtypes=tuple(annotation.dtypes),
+                dims=tuple(annotation.dim_str.split()),
+                unit=units[0],
+                optional=optional,
+            )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_arrays(cls, values: Any) -> Any:
+        """Refuse arrays of the wrong dtype or shape, with axes that disagree, or with NaN or infinity."""
+        if not isinstance(values, dict):
+            return values
+        sizes: dict[str, tuple[int, str]] = {}
+        for spec in cls.array_specs():
+            array = values.get(spec.name)
+            if array is None:
+                continue  # pydantic itself reports a missing required field
+            where = f"{cls.__name__}.{spec.name}"
+            if not isinstance(array, np.ndarray):
+                raise ValueError(f"{where}: found {type(array).__name__}, expected a numpy array")
+            if array.dtype.name not in spec.dtypes:
+                raise ValueError(f"{where}: found dtype {array.dtype}, expected {' or '.join(spec.dtypes)}")
+            if array.ndim != len(spec.dims):
+                raise ValueError(f"{where}: found shape {array.shape}, expected ({', '.join(spec.dims)})")
+            for size, dim in zip(array.shape, spec.dims, strict=True):
+                if dim.isdigit():
+                    known, origin = int(dim), where
+                else:
+                    known, origin = sizes.setdefault(dim, (size, where))
+                if size != known:
+                    raise ValueError(
+                        f"{where}: found shape {array.shape}, expected ({', '.join(spec.dims)}) "
+                        f"with {dim} = {known} as in {origin}"
+                    )
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                bad = int(array.size - np.isfinite(array).sum())
+                raise ValueError(f"{where}: {bad} values are NaN or infinite, expected finite values only")
+        return values
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """This artifact's own arrays by field name (absent optional arrays left out)."""
+        found = {spec.name: getattr(self, spec.name) for spec in self.array_specs()}
+        return {name: array for name, array in found.items() if array is not None}
+
+    def replace(self, **changes: Any) -> Self:
+        """A validated copy with some fields changed."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_validate(values | changes)

@@ -1,0 +1,151 @@
+"""The configuration: one frozen model per stage; unknown keys are refused.
+
+Lengths are in the normalised frame (the object's diagonal is 1) unless a name says otherwise, so that no
+setting depends on the input's units or the object's size. Presets live in `pipeline/presets/`.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from schemas.artifact import Schema
+from schemas.sequence import LengthUnit
+
+
+class RoboartConfig(Schema):
+    """The RoboArt builder: how sequences are made from robot descriptions."""
+
+    frames: int = Field(default=10, ge=2)
+    points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
+    novel_states: int = Field(default=3, ge=0, description="unseen states for the reanimation metric")
+    sweep_degrees: tuple[float, float] = Field(
+        default=(40.0, 90.0), description="least and greatest total motion of a joint over the sequence"
+    )
+    min_part_share: float = Field(
+        default=0.013, ge=0, lt=1, description="links with a smaller share of the surface join their parent"
+    )
+
+
+class IngestConfig(Schema):
+    """Where frames come from and how they are read."""
+
+    source: Literal["files", "roboart"] = "files"
+    units: LengthUnit = Field(default="unknown", description="the unit of the input's coordinates")
+    min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")
+    roboart: RoboartConfig = RoboartConfig()
+
+
+class GeometricFlowConfig(Schema):
+    """Estimator `geometric`: non-rigid alignment by a deformation graph, then mutual nearest neighbours."""
+
+    points: int = Field(default=2048, ge=16, description="points per frame that the alignment works on")
+    nodes: int = Field(default=250, ge=4, description="rigid nodes of the deformation graph")
+    neighbours: int = Field(default=4, ge=1, description="nodes that move one point")
+    stiffness: tuple[float, ...] = Field(
+        default=(30.0, 10.0, 3.0, 1.0, 0.3), description="weight of rigidity, coarse to fine"
+    )
+    iterations: int = Field(default=6, ge=1, description="Gauss-Newton steps at each stiffness")
+    max_distance: float = Field(default=2.0, gt=0, description="matches farther apart are dropped, in point spacings")
+
+
+class FlowConfig(Schema):
+    """The flow stage."""
+
+    estimator: str = Field(default="geometric", description="registered name or package.module:function")
+    geometric: GeometricFlowConfig = GeometricFlowConfig()
+
+
+class EnergyConfig(Schema):
+    """Weights and sampling of E_recons (Eq. 5, A.6)."""
+
+    lambda_cd: float = Field(default=1.0, ge=0)
+    lambda_emd: float = Field(default=0.3, ge=0)
+    lambda_flow: float = Field(default=1.0, ge=0)
+    flow_neighbours: int = Field(default=3, ge=1, description="neighbours of the flow's interpolation")
+    emd_downsampling: int = Field(default=4, ge=1, description="E_EMD uses every so many points, farthest first")
+    emd_every: int = Field(default=5, ge=1, description="iterations between two assignments of E_EMD")
+    emd_start: float = Field(default=0.5, ge=0, le=1, description="share of the run after which E_EMD joins in")
+    neighbours_every: int = Field(
+        default=1, ge=1, description="iterations between two nearest-neighbour searches of E_CD"
+    )
+
+
+class GumbelConfig(Schema):
+    """Solver `gumbel`: gradient descent on a segmentation field and free motions, as published (A.6)."""
+
+    max_parts: int = Field(default=20, ge=1)
+    iterations: int = Field(default=600, ge=1)
+    points: int = Field(default=2048, ge=16, description="points per frame in one iteration")
+    hidden: int = Field(default=128, ge=1, description="width of the segmentation field")
+    learning_rate_labels: float = Field(default=1e-3, gt=0)
+    learning_rate_motion: float = Field(default=1e-2, gt=0)
+    learning_rate_end: float = Field(
+        default=0.05, gt=0, le=1, description="share of the rates left at the end (cosine)"
+    )
+    temperature_start: float = Field(default=5.0, gt=0)
+    temperature_end: float = Field(default=1.0, gt=0)
+    start: Literal["flow", "identity"] = Field(
+        default="flow", description="start from clustered flow trajectories, or from still parts as published"
+    )
+
+
+class RelaxedFitConfig(Schema):
+    """The relaxed fit of one candidate canonical frame."""
+
+    solver: str = Field(default="gumbel", description="registered name or package.module:function")
+    energy: EnergyConfig = EnergyConfig()
+    gumbel: GumbelConfig = GumbelConfig()
+
+
+class ProjectionConfig(Schema):
+    """Eq. 11 and A.2."""
+
+    lambda_spatial: float = Field(default=100.0, ge=0)
+    lambda_1dof: float = Field(default=1.0, ge=0)
+    samples_per_part: int = Field(default=20, ge=1, description="farthest points that stand for a part")
+
+
+class MergingConfig(Schema):
+    """A.3, at the object's own scale."""
+
+    threshold: float = Field(
+        default=0.01, ge=0, description="linked parts whose motions differ by less (RMS, normalised) become one"
+    )
+
+
+class CanonicalFrameConfig(Schema):
+    """A.5: which frames are tried as the canonical one."""
+
+    candidates: int = Field(default=2, ge=1, description="how many: the middle frame and its neighbours")
+    frames: tuple[int, ...] = Field(default=(), description="these frames instead, where given")
+
+
+class FinalFitConfig(Schema):
+    """A.4."""
+
+    iterations: int = Field(default=200, ge=0)
+    points: int = Field(default=2048, ge=16)
+    learning_rate: float = Field(default=1e-2, gt=0)
+    energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_every=20, emd_start=0.0)
+
+
+class EvaluationConfig(Schema):
+    """A.9."""
+
+    reanimation_iterations: int = Field(default=200, ge=1)
+
+
+class PipelineConfig(Schema):
+    """Everything that a run depends on, but for its input files."""
+
+    seed: int = Field(default=0, ge=0)
+    ingest: IngestConfig = IngestConfig()
+    flow: FlowConfig = FlowConfig()
+    relaxed_fit: RelaxedFitConfig = RelaxedFitConfig()
+    projection: ProjectionConfig = ProjectionConfig()
+    merging: MergingConfig = MergingConfig()
+    canonical_frame: CanonicalFrameConfig = CanonicalFrameConfig()
+    final_fit: FinalFitConfig = FinalFitConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()

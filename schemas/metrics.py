@@ -1,0 +1,47 @@
+"""What the evaluation stage writes (A.9)."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from schemas.artifact import Artifact, Schema
+
+
+class JointMetrics(Schema):
+    """One true joint and the predicted joint that links the same two parts, if there is one."""
+
+    name: str
+    true_type: str
+    predicted_type: str | None = Field(description="None: no predicted joint links these two parts")
+    axis_angle_deg: float | None = None
+    axis_distance_percent: float | None = Field(default=None, description="% of the diagonal; None for prismatic")
+    state_error: float | None = Field(
+        default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
+    )
+
+
+class Metrics(Artifact):
+    """Yardsticks of one sequence. Lengths in the input's units, and in % of the object's diagonal.
+
+    Without ground truth every figure that needs it is None; the Chamfer distance never does.
+    """
+
+    units: str
+    diagonal: float
+    canonical_frame: int
+    parts_found: int
+    chamfer_percent: float = Field(description="mean both-sided distance between model and frames")
+    parts_true: int | None = None
+    ari: float | None = None
+    ri: float | None = None
+    tree_edit_distance: int | None = None
+    recon: float | None = None
+    recon_percent: float | None = None
+    epe: float | None = None
+    epe_percent: float | None = None
+    acc5: float | None = None
+    acc10: float | None = None
+    reanimation: float | None = None
+    reanimation_percent: float | None = None
+    joint_type_accuracy: float | None = None
+    joints: tuple[JointMetrics, ...] = ()

@@ -1,0 +1,27 @@
+"""What the relaxed fit writes, for one candidate canonical frame."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from pydantic import Field
+
+from schemas.artifact import Artifact, Unit
+
+
+class RelaxedModel(Artifact):
+    """Part labels on the canonical frame and one free rigid motion per part and frame (Eq. 5).
+
+    Every label in 0..parts-1 is used by at least one point.
+    """
+
+    canonical_frame: int = Field(ge=0)
+    labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
+    Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")]
+    energy_history: Annotated[Float64[np.ndarray, "records 4"], Unit("normalised")] = Field(
+        description="rows of (E_recons, E_CD, E_EMD, E_flow) over the run"
+    )
+    solver: str
+    iterations: int = Field(ge=0)

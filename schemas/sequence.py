@@ -1,0 +1,108 @@
+"""What ingest writes: the observed sequence and, where there is one, its ground truth."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from pydantic import Field, model_validator
+
+from schemas.artifact import Artifact, Schema, Unit
+
+LengthUnit = Literal["metre", "centimetre", "millimetre", "unknown"]
+JointType = Literal["revolute", "prismatic", "spherical"]
+
+
+class PointSequence(Artifact):
+    """T independently sampled point clouds, in a normalised frame.
+
+    The normalised frame is centred on the object and scaled so that the diagonal of its bounding box is
+    one: `p_input = p_normalised * scale + centre`. The frames lie one after the other in `points`;
+    frame t holds `point_counts[t]` of them, in the input's order.
+    """
+
+    points: Annotated[Float64[np.ndarray, "all_points 3"], Unit("normalised")]
+    point_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count")]
+    dropped_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count")] = Field(
+        description="points of each input frame that were dropped for NaN or infinite coordinates"
+    )
+    scale: float = Field(gt=0, description="input units per normalised unit: the object's diagonal")
+    centre: tuple[float, float, float] = Field(description="input coordinates of the normalised origin")
+    units: LengthUnit = Field(description="the input's unit of length")
+    frame_names: tuple[str, ...] = Field(description="where each frame came from, for messages")
+
+    @model_validator(mode="after")
+    def _check_counts(self) -> Self:
+        if int(self.point_counts.sum()) != len(self.points) or (self.point_counts <= 0).any():
+            raise ValueError(
+                f"PointSequence.point_counts: found a sum of {int(self.point_counts.sum())} with "
+                f"{len(self.points)} points, expected positive counts that add up to them"
+            )
+        if len(self.frame_names) != len(self.point_counts):
+            raise ValueError(
+                f"PointSequence.frame_names: found {len(self.frame_names)}, "
+                f"expected one for each of the {len(self.point_counts)} frames"
+            )
+        return self
+
+    @property
+    def frame_count(self) -> int:
+        return len(self.point_counts)
+
+    def frames(self) -> list[Float64[np.ndarray, "points 3"]]:
+        """The frames as views into `points`."""
+        return np.split(self.points, np.cumsum(self.point_counts)[:-1])
+
+    def to_input(self, p_normalised: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
+        """Normalised coordinates to the input's coordinates and units."""
+        return p_normalised * self.scale + np.asarray(self.centre)
+
+
+class TrueJoint(Schema):
+    """One joint of the ground truth, in normalised coordinates of frame 0."""
+
+    name: str
+    parent: int
+    child: int
+    type: JointType
+    axis: tuple[float, float, float] = Field(description="unit direction of the axis in frame 0")
+    point: tuple[float, float, float] = Field(description="a point on the axis in frame 0")
+    states: tuple[float, ...] = Field(
+        description="joint position in each frame: radians (revolute) or normalised lengths (prismatic)"
+    )
+
+
+class GroundTruth(Artifact):
+    """True parts, motions and tree of a sequence. `parent[p]` is -1 for the root."""
+
+    labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index")]
+    Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")] = Field(
+        description="takes a point of part p from where it is in frame 0 to where it is in frame t"
+    )
+    Ts_novel_first: Annotated[Float64[np.ndarray, "states parts 4 4"], Unit("normalised")] = Field(
+        description="the same for unseen states, for the reanimation metric"
+    )
+    parent: Annotated[Int64[np.ndarray, "parts"], Unit("index")]
+    part_names: tuple[str, ...]
+    joints: tuple[TrueJoint, ...] = Field(description="empty where the source does not tell them")
+
+
+class IngestedSequence(Artifact):
+    """The artifact of the ingest stage. Only evaluation reads `truth`; every other stage gets `sequence`."""
+
+    sequence: PointSequence
+    truth: GroundTruth | None = None
+
+    @model_validator(mode="after")
+    def _check_truth(self) -> Self:
+        if self.truth is None:
+            return self
+        found = (len(self.truth.labels), len(self.truth.Ts_frame_first))
+        expected = (len(self.sequence.points), self.sequence.frame_count)
+        if found != expected:
+            raise ValueError(
+                f"GroundTruth: found {found[0]} labels in {found[1]} frames, "
+                f"expected {expected[0]} in {expected[1]} as in the sequence"
+            )
+        return self

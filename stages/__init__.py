@@ -1,0 +1,1 @@
+"""What each stage computes: one module or package a stage, pure functions on schema objects."""

@@ -1,0 +1,1 @@
+"""The mathematics that stages share. No input or output, no schemas."""

@@ -1,0 +1,34 @@
+"""Swappable parts of stages: a name from a registry, or a user's own function by its dotted path."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from schemas.errors import InputError
+
+
+def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
+    """The function that `name` stands for: a registry entry or `package.module:function`.
+
+    Raises InputError, naming `setting`, for an unknown name or a path that cannot be imported.
+    """
+    if name in registry:
+        return registry[name]
+    module_name, separator, function_name = name.partition(":")
+    if not separator:
+        raise InputError(
+            f"{setting}: found {name!r}, expected one of {', '.join(sorted(registry))} "
+            "or a dotted path package.module:function"
+        )
+    try:
+        function = getattr(importlib.import_module(module_name), function_name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"{setting}: cannot import {name!r} ({error}); "
+            "check the path, and that its folder is the current one or on PYTHONPATH"
+        ) from error
+    if not callable(function):
+        raise InputError(f"{setting}: {name!r} is a {type(function).__name__}, expected a function")
+    return function
