@@ -68,7 +68,7 @@ class EnergyConfig(Schema):
     emd_every: int = Field(default=5, ge=1, description="iterations between two assignments of E_EMD")
     emd_start: float = Field(default=0.5, ge=0, le=1, description="share of the run after which E_EMD joins in")
     neighbours_every: int = Field(
-        default=1, ge=1, description="iterations between two nearest-neighbour searches of E_CD"
+        default=5, ge=1, description="iterations between two nearest-neighbour searches of E_CD"
     )
 
 
@@ -80,7 +80,7 @@ class GumbelConfig(Schema):
     points: int = Field(default=2048, ge=16, description="points per frame in one iteration")
     hidden: int = Field(default=128, ge=1, description="width of the segmentation field")
     learning_rate_labels: float = Field(default=1e-3, gt=0)
-    learning_rate_motion: float = Field(default=1e-2, gt=0)
+    learning_rate_motion: float = Field(default=1e-3, gt=0)
     learning_rate_end: float = Field(
         default=0.05, gt=0, le=1, description="share of the rates left at the end (cosine)"
     )
@@ -108,10 +108,10 @@ class ProjectionConfig(Schema):
 
 
 class MergingConfig(Schema):
-    """A.3, at the object's own scale."""
+    """A.3, in units of the sampling noise."""
 
     threshold: float = Field(
-        default=0.01, ge=0, description="linked parts whose motions differ by less (RMS, normalised) become one"
+        default=0.8, ge=0, description="linked parts whose motions differ by less (RMS, in point spacings) become one"
     )
 
 
@@ -127,7 +127,11 @@ class FinalFitConfig(Schema):
 
     iterations: int = Field(default=200, ge=0)
     points: int = Field(default=2048, ge=16)
-    learning_rate: float = Field(default=1e-2, gt=0)
+    learning_rate: float = Field(default=3e-3, gt=0)
+    samples_per_part: int = Field(default=100, ge=1, description="points at which joint hypotheses are judged")
+    still_root: float = Field(
+        default=0.5, ge=0, description="a root that moves less (RMS, in point spacings) is held still"
+    )
     energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_every=20, emd_start=0.0)
 
 

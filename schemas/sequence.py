@@ -69,12 +69,16 @@ class TrueJoint(Schema):
     axis: tuple[float, float, float] = Field(description="unit direction of the axis in frame 0")
     point: tuple[float, float, float] = Field(description="a point on the axis in frame 0")
     states: tuple[float, ...] = Field(
-        description="joint position in each frame: radians (revolute) or normalised lengths (prismatic)"
+        description="joint position in each frame minus the one in frame 0: "
+        "radians (revolute) or normalised lengths (prismatic)"
     )
 
 
 class GroundTruth(Artifact):
-    """True parts, motions and tree of a sequence. `parent[p]` is -1 for the root."""
+    """True parts, motions and tree of a sequence.
+
+    `parent[p]` is -1 for the root, and -1 for every part where the tree is unknown.
+    """
 
     labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index")]
     Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")] = Field(

@@ -1,0 +1,60 @@
+"""What stands beside an artifact's arrays: where it came from, what it holds, and why a stage failed."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import Field
+
+from schemas.artifact import Schema
+
+
+class Provenance(Schema):
+    """How an artifact was made: enough to make it again."""
+
+    stage: str
+    version: int = Field(description="version of the stage's code; a new one makes new keys")
+    dataset: str
+    sequence: str
+    key: str = Field(description="hash of stage, version, own settings, parameters, upstream keys and seed")
+    parameters: dict[str, Any] = Field(description="what tells this task from others of its stage")
+    config: dict[str, Any] = Field(description="the resolved configuration of the whole run that wrote this")
+    upstream: dict[str, str] = Field(description="keys of what was read; for ingest the source's digest")
+    seed: int
+    created: datetime
+    seconds: dict[str, float] = Field(description="time spent reading the inputs and computing")
+    packages: dict[str, str] = Field(description="versions of Python and of the packages that matter")
+
+
+class ArrayEntry(Schema):
+    """One array of `arrays.zarr`. `name` is its path there: `points`, or `sequence/points` where nested."""
+
+    name: str
+    dtype: str
+    shape: tuple[int, ...]
+    dims: tuple[str, ...]
+    unit: str
+    digest: str = Field(description="SHA-256 of the values in C order")
+
+
+class Manifest(Provenance):
+    """`manifest.json`. It is written last: an artifact is complete when its manifest is there."""
+
+    schema_version: Literal[1] = 1
+    arrays: tuple[ArrayEntry, ...]
+    payload: dict[str, Any] = Field(description="every field of the artifact that is not an array")
+    files: dict[str, str] = Field(description="SHA-256 of every other file in the artifact's directory")
+    digest: str = Field(description="SHA-256 of this manifest's canonical JSON without this field")
+
+
+class Failure(Schema):
+    """`<stage>-<key>.failed.json`: why the last attempt at an artifact failed. Removed by a success."""
+
+    stage: str
+    key: str
+    error: str = Field(description="the exception's type")
+    message: str
+    bad_input: bool = Field(description="the cause is something the user gave, not a defect of the program")
+    time: datetime
+    log: str

@@ -1,0 +1,212 @@
+"""Evaluation: the yardsticks of A.9, measured on the canonical frame's points."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from pykdtree.kdtree import KDTree
+from scipy.optimize import linear_sum_assignment
+from sklearn.metrics import adjusted_rand_score, rand_score
+
+from schemas.config import EvaluationConfig
+from schemas.kinematic import KinematicModel
+from schemas.metrics import JointMetrics, Metrics
+from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
+from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
+from stages.rearticulation import rearticulate
+
+UNITS_PER_METRE: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 100.0, "millimetre": 1000.0}
+
+
+def evaluate(
+    model: KinematicModel, ingested: IngestedSequence, config: EvaluationConfig, rng: np.random.Generator
+) -> Metrics:
+    """Measure a model against its sequence and, where there is one, against the ground truth (A.9).
+
+    Lengths come out in the input's units and in % of the object's diagonal; `rng` draws the points that
+    the reanimation metric is told. Without ground truth only the Chamfer distance and the counts are known.
+    """
+    sequence, truth = ingested.sequence, ingested.truth
+    frames = sequence.frames()
+    p_canonical = frames[model.canonical_frame]
+    p_predicted = _moved(model.Ts_frame_canonical, model.labels, p_canonical)
+    metrics = Metrics(
+        units=sequence.units,
+        diagonal=sequence.scale,
+        canonical_frame=model.canonical_frame,
+        parts_found=model.part_count,
+        chamfer_percent=100 * chamfer_distance(p_predicted, frames),
+    )
+    if truth is None:
+        return metrics
+    labels_true = np.split(truth.labels, np.cumsum(sequence.point_counts)[:-1])[model.canonical_frame]
+    p_true = _moved(_since_canonical(truth.Ts_frame_first, truth, model), labels_true, p_canonical)
+    recon = _mean_distance(p_predicted, p_true)
+    flow_error = np.linalg.norm(np.diff(p_predicted, axis=0) - np.diff(p_true, axis=0), axis=-1)
+    flow_length = np.linalg.norm(np.diff(p_true, axis=0), axis=-1)
+    accurate = [_accurate(flow_error, flow_length, share, sequence.units, sequence.scale) for share in (0.005, 0.01)]
+    reanimation = reanimation_error(model, truth, labels_true, p_canonical, config.reanimation_iterations, rng)
+    joints = joint_errors(model, truth, labels_true)
+    type_right = [joint.predicted_type == joint.true_type for joint in joints if joint.predicted_type is not None]
+    return metrics.replace(
+        parts_true=len(truth.parent),
+        ari=float(adjusted_rand_score(labels_true, model.labels)),
+        ri=float(rand_score(labels_true, model.labels)),
+        tree_edit_distance=_tree_edit_distance(model, truth),
+        recon=recon * sequence.scale,
+        recon_percent=100 * recon,
+        epe=float(flow_error.mean()) * sequence.scale,
+        epe_percent=100 * float(flow_error.mean()),
+        acc5=float(accurate[0].mean()),
+        acc10=float(accurate[1].mean()),
+        reanimation=None if reanimation is None else reanimation * sequence.scale,
+        reanimation_percent=None if reanimation is None else 100 * reanimation,
+        joint_type_accuracy=float(np.mean(type_right)) if type_right else None,
+        joints=joints,
+    )
+
+
+def chamfer_distance(
+    p_predicted: Float64[np.ndarray, "frames points 3"], frames: list[Float64[np.ndarray, "points 3"]]
+) -> float:
+    """Distance to the nearest point, averaged over points, over both directions and over frames."""
+    both = [
+        (KDTree(p).query(predicted)[0].mean() + KDTree(predicted).query(p)[0].mean()) / 2
+        for predicted, p in zip(p_predicted, frames, strict=True)
+    ]
+    return float(np.mean(both))
+
+
+def reanimation_error(
+    model: KinematicModel,
+    truth: GroundTruth,
+    labels_true: Int64[np.ndarray, "points"],
+    p_canonical: Float64[np.ndarray, "points 3"],
+    iterations: int,
+    rng: np.random.Generator,
+) -> float | None:
+    """Mean distance to the true unseen states when one random point of each true part tells the model its pose.
+
+    Normalised; None where there are no unseen states. The root is free where it moved in the sequence.
+    """
+    if len(truth.Ts_novel_first) == 0:
+        return None
+    told = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
+    free_root = not np.allclose(model.Ts_frame_canonical[:, model.root], np.eye(4), atol=1e-6)
+    p_true = _moved(_since_canonical(truth.Ts_novel_first, truth, model), labels_true, p_canonical)
+    Ts_novel_canonical = np.stack(
+        [rearticulate(model, p_canonical[told], model.labels[told], p[told], free_root, iterations)[1] for p in p_true]
+    )
+    return _mean_distance(_moved(Ts_novel_canonical, model.labels, p_canonical), p_true)
+
+
+def joint_errors(
+    model: KinematicModel, truth: GroundTruth, labels_true: Int64[np.ndarray, "points"]
+) -> tuple[JointMetrics, ...]:
+    """Each true joint against the predicted joint, of either direction, between the parts matched to its own."""
+    matched = match_parts(model.labels, labels_true)
+    links = zip(model.joint_parent.tolist(), model.joint_child.tolist(), strict=True)
+    joint_of = {frozenset(link): joint for joint, link in enumerate(links)}
+    errors = []
+    for true in truth.joints:
+        link = frozenset((matched.get(true.parent, -1), matched.get(true.child, -1)))
+        if link in joint_of:
+            errors.append(_joint_error(model, joint_of[link], matched[true.parent], truth, true))
+        else:
+            errors.append(JointMetrics(name=true.name, true_type=true.type, predicted_type=None))
+    return tuple(errors)
+
+
+def match_parts(labels: Int64[np.ndarray, "points"], labels_true: Int64[np.ndarray, "points"]) -> dict[int, int]:
+    """The predicted part of each true part, one to one, such that most points are in matched parts."""
+    overlap = np.zeros((labels_true.max() + 1, labels.max() + 1), dtype=np.int64)
+    np.add.at(overlap, (labels_true, labels), 1)
+    pairs = zip(*(index.tolist() for index in linear_sum_assignment(-overlap)), strict=True)
+    return {true: predicted for true, predicted in pairs if overlap[true, predicted] > 0}
+
+
+def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTruth, true: TrueJoint) -> JointMetrics:
+    """One predicted joint against the true one, whose parent was matched to the predicted part `parent`."""
+    predicted_type = model.joint_types[joint]
+    if true.type == "spherical":  # has no axis
+        return JointMetrics(name=true.name, true_type=true.type, predicted_type=predicted_type)
+    T_canonical_first = truth.Ts_frame_first[model.canonical_frame, true.parent]
+    axis_true = T_canonical_first[:3, :3] @ np.asarray(true.axis)
+    point_true = T_canonical_first[:3, :3] @ np.asarray(true.point) + T_canonical_first[:3, 3]
+    axis, point = model.axis[joint], model.point[joint]
+    located = true.type == "revolute" and predicted_type != "prismatic"
+    reversed_joint = (axis @ axis_true < 0) != (model.joint_parent[joint] != parent)
+    states = (-1 if reversed_joint else 1) * model.states[joint, :, 0 if true.type == "revolute" else 1]
+    return JointMetrics(
+        name=true.name,
+        true_type=true.type,
+        predicted_type=predicted_type,
+        axis_angle_deg=float(np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, axis_true)), abs(axis @ axis_true)))),
+        axis_distance_percent=100 * line_distance(axis, point, axis_true, point_true) if located else None,
+        state_error=_state_error(states, true, model.canonical_frame) if predicted_type == true.type else None,
+    )
+
+
+def _state_error(states: Float64[np.ndarray, "frames"], true: TrueJoint, canonical_frame: int) -> float:
+    """Mean |difference| of the states since the canonical frame: radians, or % of the diagonal."""
+    difference = (states - states[canonical_frame]) - (np.asarray(true.states) - true.states[canonical_frame])
+    if true.type == "prismatic":
+        return 100 * float(np.abs(difference).mean())
+    return float(np.abs((difference + np.pi) % (2 * np.pi) - np.pi).mean())
+
+
+def line_distance(
+    axis_a: Float64[np.ndarray, "3"],
+    point_a: Float64[np.ndarray, "3"],
+    axis_b: Float64[np.ndarray, "3"],
+    point_b: Float64[np.ndarray, "3"],
+) -> float:
+    """The least distance between two lines, each through its point along its unit axis."""
+    between = point_b - point_a
+    normal = np.cross(axis_a, axis_b)
+    sine = np.linalg.norm(normal)
+    if sine < 1e-6:  # parallel
+        return float(np.linalg.norm(np.cross(between, axis_a)))
+    return float(abs(between @ normal) / sine)
+
+
+def _tree_edit_distance(model: KinematicModel, truth: GroundTruth) -> int | None:
+    """None where the source does not tell the tree: then not exactly one part is a root."""
+    if np.count_nonzero(truth.parent == -1) != 1:
+        return None
+    return unordered_tree_edit_distance(model.parents(), truth.parent)
+
+
+def _accurate(
+    error: Float64[np.ndarray, "pairs points"],
+    length: Float64[np.ndarray, "pairs points"],
+    share: float,
+    units: LengthUnit,
+    scale: float,
+) -> Bool[np.ndarray, "pairs points"]:
+    """Whether a flow's error is at most `share` of its true length, or `share` metres (0.005: 5 mm).
+
+    Where the unit is unknown, `share` of the object's diagonal stands for the absolute threshold.
+    """
+    absolute = share if units == "unknown" else share * UNITS_PER_METRE[units] / scale
+    return (error <= absolute) | (error <= share * length)
+
+
+def _since_canonical(
+    Ts_first: Float64[np.ndarray, "frames parts 4 4"], truth: GroundTruth, model: KinematicModel
+) -> Float64[np.ndarray, "frames parts 4 4"]:
+    """True motions from where the parts are in the canonical frame, given motions from frame 0."""
+    return Ts_first @ np.linalg.inv(truth.Ts_frame_first[model.canonical_frame])
+
+
+def _moved(
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    labels: Int64[np.ndarray, "points"],
+    p: Float64[np.ndarray, "points 3"],
+) -> Float64[np.ndarray, "frames points 3"]:
+    """Points moved with their parts, in every frame."""
+    return (Ts[:, labels, :3, :3] @ p[:, :, None])[..., 0] + Ts[:, labels][..., :3, 3]
+
+
+def _mean_distance(p: Float64[np.ndarray, "frames points 3"], q: Float64[np.ndarray, "frames points 3"]) -> float:
+    return float(np.linalg.norm(p - q, axis=-1).mean())

@@ -1,0 +1,88 @@
+"""A picture of a fitted model: the input, its parts with their joint axes, a later frame, and the tree."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import matplotlib
+
+matplotlib.use("Agg")  # no screen is needed, nor looked for
+
+import networkx as nx
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from schemas.model_file import ModelFile, Result
+
+AXIS_LENGTH = 0.12  # half length of a drawn joint axis, as a share of the diagonal
+JOINT_MARKS = {"revolute": "R", "prismatic": "P", "spherical": "S"}
+
+
+def draw(result: Result) -> Figure:
+    """The model on one sheet: canonical input, parts and axes, the farthest frame as posed by the model, tree."""
+    p = result.canonical_points.astype(np.float64)
+    colours = part_colours(len(result.model.parts))[result.labels]
+    figure = Figure(figsize=(16, 4.2), layout="constrained")
+    bounds = p.mean(axis=0), np.ptp(p, axis=0).max() / 2
+    T_points = result.T_frame_canonical[:, result.labels]
+    posed = np.einsum("tnij,nj->tni", T_points[..., :3, :3], p) + T_points[..., :3, 3]
+    frame = int(np.linalg.norm(posed - p, axis=-1).mean(axis=1).argmax())
+    panels = (
+        (p, "#777777", f"input, frame {result.model.canonical_frame} (canonical)"),
+        (p, colours, f"{len(result.model.parts)} parts, {len(result.model.joints)} joints"),
+        (posed[frame], colours, f"the model posed as in frame {frame}"),
+    )
+    for column, (points, colour, title) in enumerate(panels):
+        axes = cast(Axes3D, figure.add_subplot(1, 4, column + 1, projection="3d"))
+        _scatter(axes, points, colour, title, bounds)
+        if column == 1:
+            _joint_axes(axes, result.model, 2 * AXIS_LENGTH * bounds[1])
+    _tree(figure.add_subplot(1, 4, 4), result.model)
+    return figure
+
+
+def part_colours(count: int) -> Float[np.ndarray, "parts 3"]:
+    """Colours that stay apart: hues by the golden ratio, lightness in turns."""
+    hues = (0.08 + np.arange(count) * 0.618034) % 1.0
+    saturation = np.where(np.arange(count) % 2, 0.65, 0.95)
+    value = np.where(np.arange(count) % 3 == 1, 0.6, 0.9)
+    return matplotlib.colors.hsv_to_rgb(np.column_stack([hues, saturation, value]))
+
+
+def _scatter(axes: Axes3D, p: Float[np.ndarray, "points 3"], colour: Any, title: str, bounds: tuple) -> None:
+    axes.scatter(p[:, 0], p[:, 1], p[:, 2], c=colour, s=1.5, linewidths=0)
+    centre, half = bounds
+    axes.set(
+        xlim=(centre[0] - half, centre[0] + half),
+        ylim=(centre[1] - half, centre[1] + half),
+        zlim=(centre[2] - half, centre[2] + half),
+        title=title,
+    )
+    axes.set_box_aspect((1, 1, 1), zoom=1.35)
+    axes.set_axis_off()
+
+
+def _joint_axes(axes: Axes3D, model: ModelFile, length: float) -> None:
+    """Each screw axis as a line through the point of it nearest the child's contact, P dashed."""
+    for joint in model.joints:
+        centre, direction = np.array(joint.point), np.array(joint.axis)
+        ends = np.stack([centre - length * direction, centre + length * direction])
+        axes.plot(*ends.T, color="black", linewidth=1.5, linestyle="--" if joint.type == "prismatic" else "-")
+
+
+def _tree(axes: Axes, model: ModelFile) -> None:
+    graph = nx.DiGraph()
+    graph.add_nodes_from(part.id for part in model.parts)
+    graph.add_edges_from((joint.parent, joint.child) for joint in model.joints)
+    depth = nx.shortest_path_length(graph, model.root)
+    for part, level in depth.items():
+        graph.nodes[part]["level"] = -level
+    layout = nx.multipartite_layout(graph, subset_key="level", align="horizontal")
+    nx.draw_networkx(graph, layout, ax=axes, node_color=part_colours(len(model.parts)), font_color="white", font_size=8)
+    marks = {(joint.parent, joint.child): JOINT_MARKS[joint.type] for joint in model.joints}
+    nx.draw_networkx_edge_labels(graph, layout, marks, ax=axes, font_size=7)
+    axes.set(title="kinematic tree (R revolute, P prismatic)")
+    axes.set_axis_off()

@@ -1,0 +1,45 @@
+"""What an estimator says of one pair of frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from stages.kernels.nearest import KDTree, nearest
+
+
+@dataclass(frozen=True)
+class PairFlow:
+    """Matched points of frames t and t + 1, the source points' displacement and its confidence in [0, 1]."""
+
+    source_index: Int64[np.ndarray, "matches"]
+    target_index: Int64[np.ndarray, "matches"]
+    flow: Float64[np.ndarray, "matches 3"]
+    confidence: Float64[np.ndarray, "matches"]
+
+
+def mutual_matches(
+    source: Float64[np.ndarray, "points 3"],
+    warped: Float64[np.ndarray, "points 3"],
+    target: Float64[np.ndarray, "targets 3"],
+    noise: float,
+    max_distance: float,
+) -> PairFlow:
+    """Source and target points that are each other's nearest once the source is warped onto the target.
+
+    Pairs farther apart than `max_distance` in units of `noise` (the target's spacing) are dropped; the
+    confidence falls with that distance as a Gaussian of one spacing. The flow is the warp's own
+    displacement, free of the sampling noise of the matched points.
+    """
+    distance, forward = nearest(KDTree(target), warped)
+    backward = nearest(KDTree(warped), target)[1]
+    index = np.arange(len(warped))
+    kept = np.flatnonzero((backward[forward] == index) & (distance <= max_distance * noise))
+    return PairFlow(
+        source_index=kept,
+        target_index=forward[kept],
+        flow=warped[kept] - source[kept],
+        confidence=np.exp(-0.5 * (distance[kept] / noise) ** 2),
+    )

@@ -1,0 +1,45 @@
+"""Points followed through the whole sequence along the flow."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from schemas.flow import Flow
+from schemas.sequence import PointSequence
+from stages.kernels.nearest import KDTree
+
+
+def interpolate(
+    tree: KDTree, values: Float64[np.ndarray, "samples c"], queries: Float64[np.ndarray, "queries 3"], count: int
+) -> tuple[Float64[np.ndarray, "queries c"], Float64[np.ndarray, "queries"]]:
+    """Inverse-distance interpolation over the nearest `count` samples, and the distance to the nearest one."""
+    count = min(count, len(values))
+    distances, indices = tree.query(np.ascontiguousarray(queries), k=count)
+    distances, indices = distances.reshape(len(queries), count), indices.reshape(len(queries), count)
+    weights = 1.0 / (distances + 1e-8)
+    weights /= weights.sum(axis=1, keepdims=True)
+    return np.einsum("qk,qkc->qc", weights, values[indices]), distances[:, 0]
+
+
+def follow_flow(
+    p_canonical: Float64[np.ndarray, "points 3"],
+    sequence: PointSequence,
+    flow: Flow,
+    canonical_frame: int,
+    neighbours: int,
+) -> Float64[np.ndarray, "frames points 3"]:
+    """Where points of the canonical frame are in every frame, chaining the flow forwards and backwards."""
+    frames, pairs = sequence.frames(), flow.pairs()
+    trajectories = np.empty((len(frames), len(p_canonical), 3))
+    trajectories[canonical_frame] = p_canonical
+    for t in range(canonical_frame, len(frames) - 1):
+        source, _, motion, _ = pairs[t]
+        here = trajectories[t]
+        trajectories[t + 1] = here + interpolate(KDTree(frames[t][source]), motion, here, neighbours)[0]
+    for t in range(canonical_frame - 1, -1, -1):
+        source, _, motion, _ = pairs[t]
+        here = trajectories[t + 1]
+        arrived = frames[t][source] + motion
+        trajectories[t] = here - interpolate(KDTree(arrived), motion, here, neighbours)[0]
+    return trajectories

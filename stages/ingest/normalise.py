@@ -1,0 +1,145 @@
+"""From frames in any unit to the normalised frame: centred on the object, with a diagonal of one."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from schemas.config import IngestConfig
+from schemas.errors import InputError
+from schemas.sequence import GroundTruth, LengthUnit, PointSequence, TrueJoint
+from stages.ingest.point_formats import Points
+from stages.ingest.readers import Frame
+from stages.ingest.truth import RawTruth, check_truth
+
+_log = logging.getLogger("rearticulate.ingest")
+
+_LARGEST_COORDINATE = 1e100  # squares of larger ones come too near to float64's end
+_LARGEST_SIZE_RATIO = 100.0  # no object grows by so much from frame to frame, but millimetres among metres do
+_LEAST_SIZE = 1e-100
+_LEAST_RELATIVE_SIZE = 1e-12  # below this a frame's extent is rounding noise of its coordinates
+_FIRST_FRAME_TOLERANCE = 1e-3
+
+
+def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) -> PointSequence:
+    """The frames without their non-finite points, moved and scaled to the normalised frame.
+
+    The scale is the median over the frames of the diagonal of a frame's bounding box, the centre the median
+    of the boxes' centres, so that a stray point in a few frames changes neither. Dropped points are counted and
+    reported in one warning. Raises InputError, naming the frame, for too few finite points, all points equal,
+    coordinates that overflow, and sizes that only mixed units explain.
+    """
+    kept = [frame.points[finite_points(frame)] for frame in frames]
+    for frame, points in zip(frames, kept, strict=True):
+        _check_frame(frame, points, config.min_points)
+    lowest = np.array([points.min(axis=0) for points in kept])
+    highest = np.array([points.max(axis=0) for points in kept])
+    diagonals = np.linalg.norm(highest - lowest, axis=1)
+    _check_sizes(frames, diagonals)
+    scale = float(np.median(diagonals))
+    centre = np.median((lowest + highest) / 2, axis=0)
+    dropped = np.array([len(frame.points) - len(points) for frame, points in zip(frames, kept, strict=True)])
+    if dropped.any():
+        _log.warning(_dropped_message(frames, dropped.tolist()))
+    return PointSequence(
+        points=(np.concatenate(kept) - centre) / scale,
+        point_counts=np.array([len(points) for points in kept], dtype=np.int64),
+        dropped_counts=dropped.astype(np.int64),
+        scale=scale,
+        centre=tuple(centre.tolist()),
+        units=units,
+        frame_names=tuple(frame.name for frame in frames),
+    )
+
+
+def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSequence) -> GroundTruth:
+    """The ground truth of `frames` in the normalised frame of the `sequence` made from them.
+
+    Dropped points lose their labels. A transform becomes S^-1 T S, with S from normalised to input
+    coordinates; points on axes follow their points, and prismatic states are lengths. Raises InputError
+    where the truth does not fit the frames or does not start from frame 0.
+    """
+    check_truth(truth, [len(frame.points) for frame in frames], "ground truth")
+    labels = [of_frame[finite_points(frame)] for of_frame, frame in zip(truth.labels, frames, strict=True)]
+    Ts_frame_first = normalise_transforms(truth.Ts_frame_first, sequence)
+    error = np.abs(Ts_frame_first[0] - np.eye(4)).max(axis=(-2, -1))
+    if error.max() > _FIRST_FRAME_TOLERANCE:
+        raise InputError(
+            f"ground truth: part {int(error.argmax())} is moved in frame 0, expected transforms from frame 0 "
+            "to frame t; multiply each by the inverse of frame 0's"
+        )
+    return GroundTruth(
+        labels=np.concatenate(labels).astype(np.int64),
+        Ts_frame_first=Ts_frame_first,
+        Ts_novel_first=normalise_transforms(truth.Ts_novel_first, sequence),
+        parent=truth.parent,
+        part_names=truth.part_names,
+        joints=tuple(_normalise_joint(joint, sequence) for joint in truth.joints),
+    )
+
+
+def finite_points(frame: Frame) -> Bool[np.ndarray, "points"]:
+    """Which points of a frame have three finite coordinates."""
+    return np.isfinite(frame.points).all(axis=1)
+
+
+def normalise_transforms(
+    Ts: Float64[np.ndarray, "*batch 4 4"], sequence: PointSequence
+) -> Float64[np.ndarray, "*batch 4 4"]:
+    """Transforms of input coordinates as transforms of normalised ones: S^-1 T S."""
+    centre = np.asarray(sequence.centre)
+    normalised = Ts.copy()
+    normalised[..., :3, 3] = (Ts[..., :3, :3] @ centre + Ts[..., :3, 3] - centre) / sequence.scale
+    return normalised
+
+
+def _normalise_joint(joint: TrueJoint, sequence: PointSequence) -> TrueJoint:
+    x, y, z = ((np.asarray(joint.point) - sequence.centre) / sequence.scale).tolist()
+    unit = sequence.scale if joint.type == "prismatic" else 1.0
+    return joint.model_copy(update={"point": (x, y, z), "states": tuple(state / unit for state in joint.states)})
+
+
+def _check_frame(frame: Frame, points: Points, min_points: int) -> None:
+    if len(points) < min_points:
+        raise InputError(
+            f"{frame.name}: found {len(points)} points with finite coordinates (of {len(frame.points)}), "
+            f"expected at least {min_points} (ingest.min_points); leave this frame out or scan it again"
+        )
+    largest = np.abs(points).max()
+    if largest > _LARGEST_COORDINATE:
+        raise InputError(
+            f"{frame.name}: found a coordinate of {largest:.3g}, expected at most {_LARGEST_COORDINATE:g}, "
+            "since squares overflow; check how the file was written"
+        )
+    if np.ptp(points, axis=0).max() <= max(_LEAST_RELATIVE_SIZE * largest, _LEAST_SIZE):
+        raise InputError(
+            f"{frame.name}: found {len(points)} points that are all equal, expected an object with an extent; "
+            "check how the file was written"
+        )
+
+
+def _check_sizes(frames: Sequence[Frame], diagonals: Float64[np.ndarray, "frames"]) -> None:
+    smallest, largest = int(diagonals.argmin()), int(diagonals.argmax())
+    ratio = diagonals[largest] / diagonals[smallest]
+    if ratio <= _LARGEST_SIZE_RATIO:
+        return
+    middle = np.sort(diagonals)[len(diagonals) // 2]
+    odd, other = smallest, largest
+    if diagonals[largest] / middle > middle / diagonals[smallest]:
+        odd, other = largest, smallest
+    raise InputError(
+        f"{frames[odd].name}: found a bounding box with a diagonal of {diagonals[odd]:.4g}, but {diagonals[other]:.4g} "
+        f"in {frames[other].name}, a factor of {ratio:.4g}; expected one unit of length in all frames: "
+        "convert this frame or remove its stray points"
+    )
+
+
+def _dropped_message(frames: Sequence[Frame], dropped: list[int]) -> str:
+    affected = [
+        f"{count} of {len(frame.points)} in {frame.name}" for frame, count in zip(frames, dropped, strict=True) if count
+    ]
+    more = f" and {len(affected) - 5} more frames" if len(affected) > 5 else ""
+    return f"dropped {sum(dropped)} points with NaN or infinite coordinates: {', '.join(affected[:5])}{more}"

@@ -1,0 +1,169 @@
+"""A sequence with ground truth from a robot description (the supplement's C).
+
+Every active joint of the robot moves by a seeded draw while the base stands still, and each frame is
+sampled on its own from the posed surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from schemas.config import RoboartConfig
+from schemas.errors import InputError
+from schemas.sequence import TrueJoint
+from stages.ingest.roboart.catalogue import robot_description
+from stages.ingest.roboart.motion import (
+    Positions,
+    draw_sweep,
+    draw_unseen,
+    drive_ranges,
+    follow,
+    movable_joints,
+    rest_positions,
+    search,
+)
+from stages.ingest.roboart.parts import Parts, rigid_parts, top_links
+from stages.ingest.roboart.penetration import penetration_score
+from stages.ingest.roboart.surface import Surface, areas, link_triangles, move, sample_triangles
+from stages.ingest.roboart.urdf import Robot, forward_kinematics, read_urdf
+from stages.ingest.truth import RawTruth
+
+Frames = list[Float64[np.ndarray, "points 3"]]
+
+
+def build_sequence(name: str, config: RoboartConfig, rng: np.random.Generator) -> tuple[Frames, RawTruth]:
+    """A sequence of the robot `name`, in metres, and its ground truth.
+
+    Raises InputError for an unknown name, or where its description is missing or cannot be used.
+    """
+    urdf_path, mesh_dirs = robot_description(name)
+    return build_from_urdf(urdf_path, mesh_dirs, config, rng)
+
+
+def build_from_urdf(
+    urdf_path: Path, mesh_dirs: Sequence[Path], config: RoboartConfig, rng: np.random.Generator
+) -> tuple[Frames, RawTruth]:
+    """A sequence of any robot with a URDF, in metres and in the base link's frame, and its ground truth.
+
+    `mesh_dirs` are where package:// names are looked up. The states of `RawTruth.joints` are relative:
+    each frame's joint position minus the one in frame 0, so that a joint turns or moves its child by
+    `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read,
+    lacks a mesh, or has no joint that moves a visible part.
+    """
+    robot = read_urdf(urdf_path)
+    ranges = drive_ranges(robot)
+    movable = movable_joints(robot, ranges)
+    triangles = link_triangles(robot, top_links(robot, movable), urdf_path, mesh_dirs)
+    link_area = np.array([areas(piece).sum() for piece in triangles])
+    parts = rigid_parts(robot, link_area, movable, config.min_part_share)
+    if len(parts.link) < 2:
+        raise InputError(
+            f"{urdf_path}: found no joint that moves a visible part, expected at least one; "
+            "check its joints' limits and its meshes"
+        )
+    rest = rest_positions(robot, ranges)
+    surface = _part_surface(robot, parts, triangles, rest)
+    swept, unseen = joint_motion(robot, parts, surface, ranges, rest, config, rng)
+    Ts_world_part = part_poses(robot, parts, swept)
+    Ts_part_first = np.linalg.inv(Ts_world_part[0])
+    frames, labels = [], []
+    for Ts in Ts_world_part:
+        p_part, chosen = sample_triangles(surface.triangles, config.points, rng)
+        part = surface.part[chosen]
+        frames.append((Ts[part, :3, :3] @ p_part[:, :, None])[..., 0] + Ts[part, :3, 3])
+        labels.append(part)
+    return frames, RawTruth(
+        labels=labels,
+        Ts_frame_first=Ts_world_part @ Ts_part_first,
+        Ts_novel_first=part_poses(robot, parts, unseen) @ Ts_part_first,
+        parent=parts.parent,
+        part_names=tuple(robot.links[link] for link in _largest_links(parts, link_area)),
+        joints=_true_joints(robot, parts, swept, Ts_world_part[0]),
+    )
+
+
+def part_poses(robot: Robot, parts: Parts, positions: Positions) -> Float64[np.ndarray, "states parts 4 4"]:
+    """Each part's frame in the base's for rows of joint positions."""
+    return forward_kinematics(robot, positions)[:, parts.link]
+
+
+def _part_surface(
+    robot: Robot, parts: Parts, triangles: list[np.ndarray], rest: Float64[np.ndarray, "joints"]
+) -> Surface:
+    """The links' surfaces joined, each in its part's frame; joints within a part are at rest for good."""
+    Ts_base_link = forward_kinematics(robot, rest[None])[0]
+    Ts_part_link = np.linalg.inv(Ts_base_link[parts.link[parts.part_of_link]]) @ Ts_base_link
+    counts = [len(piece) for piece in triangles]
+    return Surface(
+        triangles=np.concatenate([move(T, piece) for T, piece in zip(Ts_part_link, triangles, strict=True)]),
+        part=np.repeat(parts.part_of_link, counts),
+    )
+
+
+def joint_motion(
+    robot: Robot,
+    parts: Parts,
+    surface: Surface,
+    ranges: Float64[np.ndarray, "joints 2"],
+    rest: Float64[np.ndarray, "joints"],
+    config: RoboartConfig,
+    rng: np.random.Generator,
+) -> tuple[Positions, Positions]:
+    """Joint positions of the frames and of the unseen states."""
+    moving = np.zeros(len(robot.joints), dtype=bool)
+    moving[parts.joint[1:]] = True
+    drives = np.array([j for j in np.flatnonzero(moving) if robot.joints[j].mimic is None])
+    score = penetration_score(surface, part_poses(robot, parts, rest[None])[0], rng)
+
+    def penetration(positions: Positions) -> float:
+        return score(part_poses(robot, parts, follow(robot, positions, moving)))
+
+    def sweep(joint: int) -> np.ndarray:
+        return draw_sweep(robot.joints[joint].kind, ranges[joint], config, rng)
+
+    def unseen(joint: int) -> np.ndarray:
+        return draw_unseen(ranges[joint], swept[:, joint], rng)
+
+    def lowest(draw: Callable[[int], np.ndarray], states: int) -> Positions:
+        return search(draw, penetration, np.tile(rest, (states, 1)), drives, rng)
+
+    swept = lowest(sweep, config.frames)
+    novel = [lowest(unseen, 1) for _ in range(config.novel_states)]
+    return (
+        follow(robot, swept, moving),
+        follow(robot, np.concatenate([np.empty((0, len(rest))), *novel]), moving),
+    )
+
+
+def _largest_links(parts: Parts, link_area: Float64[np.ndarray, "links"]) -> list[int]:
+    """The link with the most surface of each part: what a reader would call the part."""
+    return [
+        int(max(np.flatnonzero(parts.part_of_link == part), key=lambda link: link_area[link]))
+        for part in range(len(parts.link))
+    ]
+
+
+def _true_joints(
+    robot: Robot, parts: Parts, positions: Positions, Ts_world_part: Float64[np.ndarray, "parts 4 4"]
+) -> tuple[TrueJoint, ...]:
+    """The joints that move parts, where `Ts_world_part` puts them in frame 0."""
+    found = []
+    for part in range(1, len(parts.link)):
+        index = int(parts.joint[part])
+        joint, T_world_joint = robot.joints[index], Ts_world_part[part]  # a joint's frame moves with its child
+        found.append(
+            TrueJoint(
+                name=joint.name,
+                parent=int(parts.parent[part]),
+                child=part,
+                type="prismatic" if joint.kind == "prismatic" else "revolute",
+                axis=tuple((T_world_joint[:3, :3] @ joint.axis).tolist()),
+                point=tuple(T_world_joint[:3, 3].tolist()),
+                states=tuple((positions[:, index] - positions[0, index]).tolist()),
+            )
+        )
+    return tuple(found)

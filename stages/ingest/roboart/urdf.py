@@ -1,0 +1,191 @@
+"""A robot description as the builder needs it, and its forward kinematics."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from schemas.errors import InputError
+from stages.ingest.roboart.mesh_files import read_xml
+
+JointKind = Literal["fixed", "revolute", "prismatic"]
+
+# `continuous` is a revolute joint without limits; a floating or planar joint is held, as the base is
+KINDS: dict[str, JointKind] = {
+    "fixed": "fixed",
+    "floating": "fixed",
+    "planar": "fixed",
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+}
+# descriptions write "no limit" as a large number, mostly 10 or 1e16
+NO_LIMIT = 10.0
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """position = multiplier * (position of the leading joint) + offset"""
+
+    joint: int
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links, in metres and radians; `axis` is in the joint's own frame."""
+
+    name: str
+    kind: JointKind
+    parent: int
+    child: int
+    T_parent_joint: Float64[np.ndarray, "4 4"]
+    axis: Float64[np.ndarray, "3"]
+    lower: float
+    upper: float
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One visual or collision element of a link; `geometry` as yourdfpy parsed it."""
+
+    T_link_shape: Float64[np.ndarray, "4 4"]
+    geometry: Any
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A tree of links. Link 0 is the base; joint j moves link j + 1, and parents come before children."""
+
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    visuals: tuple[tuple[Shape, ...], ...]
+    collisions: tuple[tuple[Shape, ...], ...]
+
+
+def import_extra(module: str) -> Any:
+    """A module of the optional extra `robots`. Raises InputError where it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(
+            f"dataset roboart: cannot import {module} ({error}); run `pip install rearticulate[robots]`"
+        ) from error
+
+
+def read_urdf(urdf_path: Path) -> Robot:
+    """Read a URDF's links and joints; no mesh is loaded.
+
+    Raises InputError for a file that is not a URDF, whose links form no tree, or whose joints are
+    contradictory.
+    """
+    read_xml(urdf_path)  # yourdfpy mends broken XML silently
+    yourdfpy = import_extra("yourdfpy")
+    try:
+        parsed = yourdfpy.URDF.load(str(urdf_path), build_scene_graph=False, load_meshes=False).robot
+    except Exception as error:  # yourdfpy has no common error for what it cannot parse
+        raise InputError(f"{urdf_path}: cannot be read as a URDF ({error!r}); correct or replace it") from error
+    links = {link.name: link for link in parsed.links}
+    joints = _from_root(parsed.joints, links, urdf_path)
+    order = [joints[0].parent, *(joint.child for joint in joints)] if joints else list(links)
+    index = {name: k for k, name in enumerate(order)}
+    leaders = {joint.name: k for k, joint in enumerate(joints) if joint.mimic is None}
+    return Robot(
+        links=tuple(order),
+        joints=tuple(_joint(joint, index, leaders, urdf_path) for joint in joints),
+        visuals=tuple(_shapes(links[name].visuals) for name in order),
+        collisions=tuple(_shapes(links[name].collisions) for name in order),
+    )
+
+
+def forward_kinematics(
+    robot: Robot, positions: Float64[np.ndarray, "states joints"]
+) -> Float64[np.ndarray, "states links 4 4"]:
+    """Each link's frame in the base's, with `positions` in radians or metres (fixed joints' are ignored)."""
+    Ts_base_link = np.tile(np.eye(4), (len(positions), len(robot.links), 1, 1))
+    for column, joint in zip(positions.T, robot.joints, strict=True):
+        T_joint_child = np.tile(np.eye(4), (len(positions), 1, 1))
+        if joint.kind == "revolute":
+            T_joint_child[:, :3, :3] = Rotation.from_rotvec(column[:, None] * joint.axis).as_matrix()
+        elif joint.kind == "prismatic":
+            T_joint_child[:, :3, 3] = column[:, None] * joint.axis
+        Ts_base_link[:, joint.child] = Ts_base_link[:, joint.parent] @ joint.T_parent_joint @ T_joint_child
+    return Ts_base_link
+
+
+def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> list[Any]:
+    """The joints, depth first from the base: a parent's own joint comes before its children's."""
+    unknown = sorted({name for joint in joints for name in (joint.parent, joint.child)} - set(links))
+    roots = sorted(set(links) - {joint.child for joint in joints})
+    if unknown or len(roots) != 1:
+        found = f"joints of the unknown link {unknown[0]!r}" if unknown else f"{len(roots)} links without a parent"
+        raise InputError(f"{urdf_path}: found {found}, expected one tree of links; correct the URDF")
+    ordered: list[Any] = []
+    front = [joint for joint in joints if joint.parent == roots[0]][::-1]
+    while front and len(ordered) < len(joints):
+        joint = front.pop()
+        ordered.append(joint)
+        front += [other for other in joints if other.parent == joint.child][::-1]
+    if len({joint.child for joint in ordered}) != len(joints):
+        raise InputError(f"{urdf_path}: found links in a loop or with two parents, expected a tree; correct the URDF")
+    return ordered
+
+
+def _joint(joint: Any, links: dict[str, int], leaders: dict[str, int], urdf_path: Path) -> Joint:
+    where = f"{urdf_path}: joint {joint.name!r}"
+    if joint.type not in KINDS:
+        raise InputError(f"{where}: found type {joint.type!r}, expected one of {', '.join(KINDS)}; correct the URDF")
+    kind = KINDS[joint.type]
+    length = float(np.linalg.norm(joint.axis))
+    if kind != "fixed" and length == 0:
+        raise InputError(f"{where}: found an axis of length zero, expected a direction; correct the URDF")
+    mimic = None
+    if kind != "fixed" and joint.mimic is not None:
+        if joint.mimic.joint not in leaders:
+            raise InputError(
+                f"{where}: found that it mimics {joint.mimic.joint!r}, "
+                "expected a joint that itself mimics none; correct the URDF"
+            )
+        mimic = Mimic(leaders[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset)
+    lower, upper = (0.0, 0.0) if kind == "fixed" else _limits(joint)
+    if lower > upper:
+        raise InputError(f"{where}: found limits {lower} to {upper}, expected lower <= upper; correct the URDF")
+    return Joint(
+        name=joint.name,
+        kind=kind,
+        parent=links[joint.parent],
+        child=links[joint.child],
+        T_parent_joint=_origin(joint),
+        axis=np.asarray(joint.axis, dtype=np.float64) / (length or 1.0),
+        lower=lower,
+        upper=upper,
+        mimic=mimic,
+    )
+
+
+def _limits(joint: Any) -> tuple[float, float]:
+    """Lower and upper limit; where none is given half a turn to either side, for a prismatic joint nothing."""
+    free = 0.0 if joint.type == "prismatic" else np.pi
+    if joint.limit is None or joint.type == "continuous":
+        return -free, free
+    lower, upper = joint.limit.lower, joint.limit.upper
+    return (
+        -free if lower is None or abs(lower) >= NO_LIMIT else lower,
+        free if upper is None or abs(upper) >= NO_LIMIT else upper,
+    )
+
+
+def _shapes(elements: list[Any]) -> tuple[Shape, ...]:
+    return tuple(Shape(_origin(element), element.geometry) for element in elements if element.geometry is not None)
+
+
+def _origin(element: Any) -> Float64[np.ndarray, "4 4"]:
+    return np.eye(4) if element.origin is None else np.asarray(element.origin, dtype=np.float64)

@@ -1,0 +1,181 @@
+"""Where sequences come from: files of the user's, or the RoboArt builder."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from schemas.config import IngestConfig
+from schemas.errors import InputError
+from schemas.sequence import IngestedSequence
+from stages.ingest.listing import visible_entries
+from stages.ingest.normalise import normalise, normalise_truth
+from stages.ingest.point_formats import map_array
+from stages.ingest.readers import Frame, frame_files, read_frames
+from stages.ingest.roboart_pickles import has_transforms
+from stages.ingest.truth import read_truth, truth_files
+
+_TRUTH_NAME = "ground_truth.npz"
+_FRAMES_NAME = "frames"
+
+
+class Source(Protocol):
+    """One sequence that can be ingested."""
+
+    @property
+    def name(self) -> str:
+        """The sequence's name, which is safe as a part of a path."""
+
+    def digest(self) -> str:
+        """A SHA-256 (hex) of everything that `load` reads. Cheap, without torch or Open3D."""
+
+    def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
+        """The sequence in the normalised frame. Raises InputError where it cannot be used."""
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """A folder of frames or one array, and the ground truth's file or folder where there is one."""
+
+    name: str
+    frames_path: Path
+    truth_path: Path | None = None
+
+    def digest(self) -> str:
+        """SHA-256 (hex) of the contents and names of the frames and of the ground truth.
+
+        What is missing or wrong is left to `load` to report. Raises InputError for an unreadable file.
+        """
+        frames = frame_files(self.frames_path) if self.frames_path.is_dir() else [self.frames_path]
+        truth = truth_files(self.truth_path) if self.truth_path else []
+        total = hashlib.sha256()
+        for role, files in (("frame", frames), ("truth", truth)):
+            for file in filter(Path.is_file, files):
+                total.update(role.encode() + os.fsencode(file.name) + b"\0" + _file_digest(file))
+        return total.hexdigest()
+
+    def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
+        """The frames as a normalised sequence, with the ground truth that lies beside them."""
+        frames = read_frames(self.frames_path)
+        sequence = normalise(frames, config, config.units)
+        if self.truth_path is None:
+            return IngestedSequence(sequence=sequence)
+        truth = read_truth(self.truth_path, [len(frame.points) for frame in frames])
+        return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, frames, sequence))
+
+
+@dataclass(frozen=True)
+class RoboartSource:
+    """A sequence that the RoboArt builder makes from a robot's description."""
+
+    name: str
+
+    def digest(self) -> str:
+        """SHA-256 (hex) of the robot's description."""
+        from stages.ingest.roboart import robot_digest
+
+        return robot_digest(self.name)
+
+    def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
+        """The robot's sampled frames as a normalised sequence, in metres, with full ground truth."""
+        from stages.ingest.roboart import build_sequence
+
+        points, truth = build_sequence(self.name, config.roboart, rng)
+        frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
+        sequence = normalise(frames, config, "metre")
+        return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, frames, sequence))
+
+
+def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
+    """The sequences of a configuration, by name in natural order.
+
+    Source "roboart" gives the builder's robots. Source "files" gives `data` itself where it is one sequence,
+    else its sub-folders and .npy or .npz files that are. Raises InputError where there are none.
+    """
+    if config.source == "roboart":
+        from stages.ingest.roboart import robot_names
+
+        return [RoboartSource(name) for name in robot_names()]
+    if data is None:
+        raise InputError("ingest.source: found 'files' without a folder of sequences, expected one; say where it is")
+    if not data.exists():
+        raise InputError(f"{data}: found neither a file nor a folder there, expected sequences; check the path")
+    if data.is_file() or _is_sequence(data):
+        return [file_source(data)]
+    found = [file_source(entry) for entry in visible_entries(data) if _is_sequence(entry)]
+    if not found:
+        raise InputError(
+            f"{data}: found no sequence, expected sub-folders with .ply, .pcd, .xyz or .npy frames, "
+            "or .npy or .npz files of shape (frames, points, 3); check the path"
+        )
+    by_name: dict[str, FileSource] = {}
+    for source in found:
+        other = by_name.setdefault(source.name, source)
+        if other is not source:
+            raise InputError(
+                f"{source.frames_path}: found the sequence name {source.name!r} twice, "
+                f"expected one name each; rename this or {other.frames_path}"
+            )
+    return list(found)
+
+
+def file_source(path: Path) -> FileSource:
+    """The sequence at `path`, whatever it holds: one array, a folder of frames, or a folder with `frames`.
+
+    The ground truth is ground_truth.npz beside the frames or beside the folder `frames`, or the original
+    RoboArt's pickles. Nothing is read; a path without frames is reported when it is.
+    """
+    folder = path.resolve()
+    if not folder.is_dir():
+        return FileSource(_safe_name(folder.stem), path)
+    frames, sequence = path, folder
+    if folder.name == _FRAMES_NAME:
+        sequence = folder.parent
+    elif _holds_frames(path / _FRAMES_NAME):
+        frames = path / _FRAMES_NAME
+    truth = next((file for file in (frames / _TRUTH_NAME, sequence / _TRUTH_NAME) if file.is_file()), None)
+    if truth is None and has_transforms(frames):
+        truth = frames
+    return FileSource(_safe_name(sequence.name), frames, truth)
+
+
+def _is_sequence(path: Path) -> bool:
+    if path.is_dir():
+        return _holds_frames(path) or _holds_frames(path / _FRAMES_NAME)
+    return path.name != _TRUTH_NAME and _axes(path) == 3
+
+
+def _holds_frames(folder: Path) -> bool:
+    return folder.is_dir() and any(_axes(file) == 2 for file in frame_files(folder))
+
+
+def _axes(path: Path) -> int:
+    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header."""
+    match path.suffix.lower():
+        case ".npz":
+            return 3
+        case ".npy":
+            try:
+                return map_array(path).ndim
+            except (ValueError, OSError):
+                return 2  # reading it as a frame tells what is wrong
+    return 2
+
+
+def _safe_name(name: str) -> str:
+    """A name of letters, digits, dots, dashes and underscores, for folders and command lines."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._-") or "sequence"
+
+
+def _file_digest(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").digest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error

@@ -1,0 +1,209 @@
+"""Ground truth as a source tells it, in the input's units: what normalisation turns into a `GroundTruth`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from pydantic import BaseModel, Field, ValidationError
+
+from schemas.errors import InputError
+from schemas.sequence import TrueJoint
+from stages.ingest.point_formats import one_line
+from stages.ingest.readers import load_npz
+from stages.ingest.roboart_pickles import pickles, read_transforms
+
+_RIGID_TOLERANCE = 1e-3  # files in single precision pass, a scaled or sheared transform does not
+_LARGEST = 1e100  # beyond this, products of input lengths come too near to float64's end
+
+
+@dataclass(frozen=True)
+class RawTruth:
+    """True parts, motions and tree of a sequence, in input coordinates and units.
+
+    `labels[t]` belongs to the points of frame t as they were read. `parent[p]` is -1 for the root, and
+    -1 for every part where the tree is unknown. Axes, points and states of `joints` are in input units.
+    """
+
+    labels: list[Int64[np.ndarray, "points"]]
+    Ts_frame_first: Float64[np.ndarray, "frames parts 4 4"]
+    Ts_novel_first: Float64[np.ndarray, "states parts 4 4"]
+    parent: Int64[np.ndarray, "parts"]
+    part_names: tuple[str, ...]
+    joints: tuple[TrueJoint, ...] = ()
+
+
+def truth_files(path: Path) -> list[Path]:
+    """The files that `read_truth` reads for `path`, for a digest."""
+    if path.is_dir():
+        return pickles(path)
+    return [file for file in (path, path.with_suffix(".json")) if file.is_file()]
+
+
+def read_truth(path: Path, point_counts: Sequence[int]) -> RawTruth:
+    """The ground truth of a sequence whose frames hold `point_counts` points as they were read.
+
+    `path` is a ground_truth.npz or a folder of the original RoboArt's pickles. The .npz holds `labels`
+    (frames, points), or (all points,) frame after frame; `poses` (frames, parts, 4, 4) from frame 0 to frame
+    t; and optionally `novel_poses` (states, parts, 4, 4). A .json of the same name may add `root`,
+    `edges_child_parent` [[child, parent], ...], `links` {part: [names]} and `joints`, whose entries are
+    `TrueJoint` in input units. In a folder of pickles state_K.pkl holds the labels, pose_K.pkl and
+    novel_pose_J.pkl the transforms from the first frame by part; they tell no tree. Raises InputError for
+    files that are damaged or do not fit each other.
+    """
+    truth = _read_pickles(path) if path.is_dir() else _read_npz(path, point_counts)
+    check_truth(truth, point_counts, str(path))
+    return truth
+
+
+def check_truth(truth: RawTruth, point_counts: Sequence[int], where: str) -> None:
+    """Raise InputError, naming `where`, unless labels, transforms, tree and joints fit each other."""
+    frames, parts = len(point_counts), len(truth.parent)
+    if [len(labels) for labels in truth.labels] != list(point_counts):
+        raise InputError(
+            f"{where}: labels: found {sum(map(len, truth.labels))} in {len(truth.labels)} frames, expected one "
+            f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points"
+        )
+    for labels in truth.labels:
+        if labels.size and (labels.min() < 0 or labels.max() >= parts):
+            raise InputError(
+                f"{where}: labels: found values in {labels.min()}..{labels.max()}, expected 0..{parts - 1}; "
+                "number the parts as in the transforms"
+            )
+    _check_transforms(truth.Ts_frame_first, (frames, parts), f"{where}: poses")
+    states = truth.Ts_novel_first.shape[0] if truth.Ts_novel_first.ndim else 0
+    _check_transforms(truth.Ts_novel_first, (states, parts), f"{where}: novel poses")
+    _check_tree(truth.parent, where)
+    for joint in truth.joints:
+        _check_joint(joint, frames, parts, f"{where}: joint {joint.name}")
+
+
+def _check_transforms(Ts: Any, leading: tuple[int, int], where: str) -> None:
+    if Ts.shape != (*leading, 4, 4):
+        raise InputError(f"{where}: found shape {Ts.shape}, expected {(*leading, 4, 4)}; give one for every part")
+    R = Ts[..., :3, :3]
+    rigid = (
+        (np.abs(Ts) < _LARGEST).all()  # NaN fails too
+        and (np.abs(R) < 2).all()  # so that the products below cannot overflow
+        and (np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)) < _RIGID_TOLERANCE).all()
+        and (np.linalg.det(R) > 0).all()
+        and (np.abs(Ts[..., 3, :] - [0, 0, 0, 1]) < _RIGID_TOLERANCE).all()
+    )
+    if not rigid:
+        raise InputError(f"{where}: found a matrix that is no rigid transform, expected [R p; 0 0 0 1]; correct it")
+
+
+def _check_tree(parent: np.ndarray, where: str) -> None:
+    if (parent == -1).all():
+        return  # the tree is unknown
+    found = f"{where}: the tree with parents {parent.tolist()}"
+    if parent.min() < -1 or parent.max() >= len(parent) or (parent == -1).sum() != 1:
+        raise InputError(f"{found}: expected one root and parents in 0..{len(parent) - 1}; correct the edges")
+    ancestor = np.arange(len(parent))
+    for _ in parent:
+        ancestor = np.where(ancestor >= 0, parent[ancestor], -1)
+    if (ancestor >= 0).any():
+        raise InputError(f"{found}: part {int(np.argmax(ancestor >= 0))} is on or below a loop; correct the edges")
+
+
+def _check_joint(joint: TrueJoint, frames: int, parts: int, where: str) -> None:
+    if not (0 <= joint.parent < parts and 0 <= joint.child < parts and joint.parent != joint.child):
+        raise InputError(
+            f"{where}: links parts {joint.parent} and {joint.child}, expected two of 0..{parts - 1}; correct it"
+        )
+    if len(joint.states) != frames:
+        raise InputError(f"{where}: found {len(joint.states)} states, expected one for each of {frames} frames")
+    numbers = np.array([*joint.axis, *joint.point, *joint.states])
+    if not (np.abs(numbers) < _LARGEST).all() or abs(np.linalg.norm(joint.axis) - 1) > _RIGID_TOLERANCE:
+        raise InputError(f"{where}: expected finite numbers and an axis of unit length; correct it")
+
+
+class _TreeFile(BaseModel):
+    """ground_truth.json; keys beyond these are ignored."""
+
+    root: int
+    edges_child_parent: list[tuple[int, int]]
+    links: dict[int, list[str]] = Field(default_factory=dict)
+    joints: tuple[TrueJoint, ...] = ()
+
+
+def _read_npz(path: Path, point_counts: Sequence[int]) -> RawTruth:
+    arrays = load_npz(path)
+    labels = _array(arrays, "labels", "iu", path).astype(np.int64)
+    Ts = _array(arrays, "poses", "fiu", path).astype(np.float64)
+    if labels.ndim not in (1, 2) or labels.size != sum(point_counts):
+        raise InputError(
+            f"{path}: found labels of shape {labels.shape}, expected one for each of the {sum(point_counts)} points "
+            f"of {len(point_counts)} frames; give the labels of these very points"
+        )
+    if Ts.ndim != 4 or Ts.shape[1] == 0:
+        raise InputError(f"{path}: found poses of shape {Ts.shape}, expected (frames, parts, 4, 4); correct them")
+    parts = Ts.shape[1]
+    Ts_novel = np.empty((0, parts, 4, 4))
+    if "novel_poses" in arrays:
+        Ts_novel = _array(arrays, "novel_poses", "fiu", path).astype(np.float64)
+    tree = _read_tree(path.with_suffix(".json"))
+    return RawTruth(
+        labels=np.split(labels.reshape(-1), np.cumsum(point_counts)[:-1]),
+        Ts_frame_first=Ts,
+        Ts_novel_first=Ts_novel,
+        parent=_parents(tree, parts, str(path.with_suffix(".json"))),
+        part_names=tuple(_part_name(tree, part) for part in range(parts)),
+        joints=tree.joints if tree else (),
+    )
+
+
+def _array(arrays: dict[str, np.ndarray], name: str, kinds: str, path: Path) -> np.ndarray:
+    if name not in arrays or arrays[name].dtype.kind not in kinds:
+        found = f"dtype {arrays[name].dtype} in" if name in arrays else "no"
+        expected = "integers" if kinds == "iu" else "real numbers"
+        raise InputError(f"{path}: found {found} array '{name}', expected {expected}; add or convert it")
+    return arrays[name]
+
+
+def _read_tree(path: Path) -> _TreeFile | None:
+    if not path.is_file():
+        return None
+    try:
+        return _TreeFile.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(key) for key in first["loc"]) or "the file"
+        raise InputError(f"{path}: {field}: {first['msg']}; expected root, edges_child_parent and links") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({one_line(error)}); check its permissions") from error
+
+
+def _parents(tree: _TreeFile | None, parts: int, where: str) -> Int64[np.ndarray, "parts"]:
+    parent = np.full(parts, -1, dtype=np.int64)
+    if tree is None:
+        return parent
+    children = [child for child, _ in tree.edges_child_parent]
+    if sorted([tree.root, *children]) != list(range(parts)):
+        raise InputError(
+            f"{where}: found root {tree.root} and the children {sorted(children)}, "
+            f"expected each of the {parts} parts of the transforms once; correct edges_child_parent"
+        )
+    for child, above in tree.edges_child_parent:
+        parent[child] = above  # whether that is a tree, `check_truth` asks
+    return parent
+
+
+def _part_name(tree: _TreeFile | None, part: int) -> str:
+    names = tree.links.get(part, []) if tree else []
+    return names[0] if names else f"part_{part}"
+
+
+def _read_pickles(folder: Path) -> RawTruth:
+    labels, Ts_frame_first, Ts_novel_first, ids = read_transforms(folder)
+    return RawTruth(
+        labels=labels,
+        Ts_frame_first=Ts_frame_first,
+        Ts_novel_first=Ts_novel_first,
+        parent=np.full(len(ids), -1, dtype=np.int64),
+        part_names=tuple(f"part_{part_id}" for part_id in ids),
+    )

@@ -1,0 +1,208 @@
+"""Non-rigid alignment of one cloud to another by a graph of rigid nodes (embedded deformation).
+
+Nodes are spread over the source surface; each carries a rigid transform and moves the points near it,
+near being measured along the surface. Gauss-Newton minimises robust point-to-plane distances in both
+directions plus a stiffness that asks neighbouring nodes to agree on each other's position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from stages.kernels import se3
+from stages.kernels.nearest import KDTree, nearest, neighbours
+from stages.kernels.sampling import farthest_points
+
+SURFACE_NEIGHBOURS = 8
+POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
+
+
+@dataclass(frozen=True)
+class DeformationGraph:
+    """Nodes on a source cloud and which of them move which point.
+
+    `anchors` (points, k) are node indices, `weights` (points, k) add up to one; `edges` (edges, 2) link
+    nodes that move a common point, in both directions.
+    """
+
+    p_nodes: Float64[np.ndarray, "nodes 3"]
+    anchors: Int64[np.ndarray, "points k"]
+    weights: Float64[np.ndarray, "points k"]
+    edges: Int64[np.ndarray, "edges 2"]
+
+
+def build_graph(points: Float64[np.ndarray, "points 3"], nodes: int, neighbours_per_point: int) -> DeformationGraph:
+    """Spread nodes over the cloud and attach each point to the nearest of them along the surface."""
+    centres = farthest_points(points, nodes)
+    distances = _surface_distances(points, centres)
+    k = min(neighbours_per_point, len(centres))
+    anchors = np.argsort(distances, axis=1, kind="stable")[:, :k]
+    near = np.take_along_axis(distances, anchors, axis=1)
+    radius = np.median(near[:, min(1, k - 1)]) + 1e-12
+    weights = np.exp(-((near / radius) ** 2)) + 1e-12
+    weights /= weights.sum(axis=1, keepdims=True)
+    first, second = anchors[:, :, None].repeat(k, 2).ravel(), anchors[:, None, :].repeat(k, 1).ravel()
+    pairs = np.unique(np.stack([first, second], axis=1)[first != second], axis=0)
+    return DeformationGraph(points[centres], anchors, weights, pairs)
+
+
+def _surface_distances(
+    points: Float64[np.ndarray, "points 3"], centres: Int64[np.ndarray, "nodes"]
+) -> Float64[np.ndarray, "points nodes"]:
+    """Distances along the surface; across gaps in the surface, straight distances with a penalty."""
+    lengths, indices = neighbours(points, SURFACE_NEIGHBOURS)
+    rows = np.repeat(np.arange(len(points)), indices.shape[1])
+    surface = csr_array((lengths.ravel() + 1e-12, (rows, indices.ravel())), shape=(len(points), len(points)))
+    along = dijkstra(surface, directed=False, indices=centres).T
+    straight = np.linalg.norm(points[:, None] - points[centres][None], axis=-1)
+    return np.where(np.isfinite(along), along, 10.0 * straight + 10.0 * straight.max())
+
+
+def deform(
+    graph: DeformationGraph, Ts_target_node: Float64[np.ndarray, "nodes 4 4"], points: Float64[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points 3"]:
+    """The source points moved by their nodes."""
+    return np.einsum("nk,nki->ni", graph.weights, _moved_by_anchors(graph, Ts_target_node, points))
+
+
+def _moved_by_anchors(
+    graph: DeformationGraph, Ts: Float64[np.ndarray, "nodes 4 4"], points: Float64[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points k 3"]:
+    anchored = Ts[graph.anchors]
+    return np.einsum("nkij,nj->nki", anchored[..., :3, :3], points) + anchored[..., :3, 3]
+
+
+class Alignment:
+    """Gauss-Newton alignment of a source cloud's deformation graph to a target cloud.
+
+    Lengths inside are in units of `noise`, the clouds' spacing, so that stiffness and robustness mean the
+    same at any sampling density.
+    """
+
+    def __init__(
+        self,
+        graph: DeformationGraph,
+        source: Float64[np.ndarray, "points 3"],
+        target: Float64[np.ndarray, "targets 3"],
+        target_normals: Float64[np.ndarray, "targets 3"],
+        noise: float,
+    ) -> None:
+        self.graph, self.source, self.target = graph, source, target
+        self.target_tree = KDTree(target)
+        self.noise = noise
+        # n n^T + POINT_TO_POINT I: the information that a match gives about a point's position
+        self.target_information = np.einsum("ni,nj->nij", target_normals, target_normals)
+        self.target_information += POINT_TO_POINT * np.eye(3)
+        self._point_cells = _scatter_cells(graph.anchors, len(graph.p_nodes))
+        self._edge_cells = _scatter_cells(graph.edges, len(graph.p_nodes))
+
+    def matches(
+        self, warped: Float64[np.ndarray, "points 3"]
+    ) -> tuple[Int64[np.ndarray, "matches"], Int64[np.ndarray, "matches"], Float64[np.ndarray, "matches"]]:
+        """Nearest-neighbour pairs (source, target, distance / noise) in both directions."""
+        forward_distance, forward = nearest(self.target_tree, warped)
+        backward_distance, backward = nearest(KDTree(warped), self.target)
+        source = np.concatenate([np.arange(len(warped)), backward])
+        target = np.concatenate([forward, np.arange(len(self.target))])
+        return source, target, np.concatenate([forward_distance, backward_distance]) / self.noise
+
+    def step(
+        self, Ts: Float64[np.ndarray, "nodes 4 4"], stiffness: float, reach: float
+    ) -> Float64[np.ndarray, "nodes 4 4"]:
+        """One Gauss-Newton step; matches much farther apart than `reach` (in noise units) hardly count."""
+        graph, nodes = self.graph, len(self.graph.p_nodes)
+        centres = se3_apply(Ts, graph.p_nodes)
+        moved = _moved_by_anchors(graph, Ts, self.source)
+        warped = np.einsum("nk,nki->ni", graph.weights, moved)
+
+        source, target, distance = self.matches(warped)
+        robust = (1.0 / (1.0 + (distance / reach) ** 2)) ** 2
+        information = robust[:, None, None] * self.target_information[target]
+        offsets = (warped[source] - self.target[target]) / self.noise
+        pull = np.einsum("mij,mj->mi", information, offsets)
+        information = _sum_rows(information.reshape(-1, 9), source, len(warped)).reshape(-1, 3, 3)
+        pull = _sum_rows(pull, source, len(warped))
+
+        # d(point)/d(twist of anchor k about its own centre) = w_k [-skew(p_k - c_k), I]
+        arms = moved - centres[graph.anchors]
+        jacobian = graph.weights[:, :, None, None] * _twist_jacobian(arms / self.noise)
+        jacobian = jacobian.transpose(0, 2, 1, 3).reshape(len(warped), 3, -1)
+        weighted = np.einsum("nij,njb->nib", information, jacobian)
+        hessian = _scatter(self._point_cells, np.matmul(jacobian.transpose(0, 2, 1), weighted), nodes)
+        gradient = _scatter_gradient(graph.anchors, np.einsum("nib,ni->nb", jacobian, pull), nodes)
+
+        # stiffness: a node's idea of where its neighbour's centre is, against the neighbour's own
+        k, neighbour = graph.edges.T
+        predicted = se3_apply(Ts[k], graph.p_nodes[neighbour])
+        gap = (predicted - centres[neighbour]) / self.noise
+        jacobian_k = _twist_jacobian((predicted - centres[k]) / self.noise)
+        jacobian_neighbour = np.broadcast_to(-_twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
+        edge_jacobian = np.concatenate([jacobian_k, jacobian_neighbour], axis=2)
+        edge_weight = stiffness / (1.0 + (gap**2).sum(-1) / reach**2)
+        weighted = edge_weight[:, None, None] * edge_jacobian
+        hessian += _scatter(self._edge_cells, np.matmul(edge_jacobian.transpose(0, 2, 1), weighted), nodes)
+        gradient += _scatter_gradient(graph.edges, np.einsum("eib,ei->eb", weighted, gap), nodes)
+
+        hessian[np.diag_indices_from(hessian)] += 1e-6 * hessian.diagonal().max() + 1e-9
+        twists = -cho_solve(cho_factor(hessian, lower=True, check_finite=False), gradient).reshape(nodes, 6)
+        return _turn_about(centres, twists, self.noise) @ Ts
+
+    def cost(self, Ts: Float64[np.ndarray, "nodes 4 4"], reach: float) -> float:
+        """Mean robust squared distance in both directions, in squared noise units."""
+        distance = self.matches(deform(self.graph, Ts, self.source))[2]
+        return float(np.mean(distance**2 / (1.0 + (distance / reach) ** 2)))
+
+
+def se3_apply(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Each point moved by its own transform."""
+    return np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
+
+
+def _turn_about(
+    centres: Float64[np.ndarray, "nodes 3"], twists: Float64[np.ndarray, "nodes 6"], noise: float
+) -> Float64[np.ndarray, "nodes 4 4"]:
+    """World transforms of twists (angular part in radians per noise unit) taken about the nodes' centres."""
+    rotation = torch.from_numpy(twists[:, :3])
+    zero = torch.zeros_like(rotation)
+    Ts = se3.exp(torch.cat([rotation, zero], dim=1)).numpy()
+    Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise
+    return Ts
+
+
+def _twist_jacobian(arms: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3 6"]:
+    """d(arm moved by a twist)/d(twist) = [-skew(arm), I]."""
+    jacobian = np.zeros((*arms.shape, 6))
+    jacobian[..., 0, 1], jacobian[..., 0, 2] = arms[..., 2], -arms[..., 1]
+    jacobian[..., 1, 0], jacobian[..., 1, 2] = -arms[..., 2], arms[..., 0]
+    jacobian[..., 2, 0], jacobian[..., 2, 1] = arms[..., 1], -arms[..., 0]
+    jacobian[..., 0, 3] = jacobian[..., 1, 4] = jacobian[..., 2, 5] = 1.0
+    return jacobian
+
+
+def _sum_rows(values: Float64[np.ndarray, "rows c"], index: Int64[np.ndarray, "rows"], count: int) -> np.ndarray:
+    return np.stack([np.bincount(index, column, minlength=count) for column in values.T], axis=1)
+
+
+def _scatter_cells(groups: Int64[np.ndarray, "rows k"], nodes: int) -> Int64[np.ndarray, "rows b b"]:
+    """Flat positions, in the (6 nodes)^2 Hessian, of each row's block over its k nodes."""
+    unknowns = (6 * groups[:, :, None] + np.arange(6)).reshape(len(groups), -1)
+    return unknowns[:, :, None] * (6 * nodes) + unknowns[:, None, :]
+
+
+def _scatter(cells: Int64[np.ndarray, "rows b b"], blocks: Float64[np.ndarray, "rows b b"], nodes: int) -> np.ndarray:
+    size = 6 * nodes
+    return np.bincount(cells.ravel(), blocks.ravel(), minlength=size * size).reshape(size, size)
+
+
+def _scatter_gradient(
+    groups: Int64[np.ndarray, "rows k"], values: Float64[np.ndarray, "rows b"], nodes: int
+) -> np.ndarray:
+    unknowns = (6 * groups[:, :, None] + np.arange(6)).reshape(len(groups), -1)
+    return np.bincount(unknowns.ravel(), values.ravel(), minlength=6 * nodes)

@@ -1,0 +1,29 @@
+"""Which points stand for a cloud, and what its sampling says about it."""
+
+from __future__ import annotations
+
+import fpsample
+import numpy as np
+from jaxtyping import Float, Float64, Int64
+
+from stages.kernels.nearest import neighbours
+
+
+def farthest_points(points: Float[np.ndarray, "points 3"], count: int) -> Int64[np.ndarray, "count"]:
+    """Indices of `count` points, each farthest from those before it, from point 0 on; all when there are fewer."""
+    if count >= len(points):
+        return np.arange(len(points))
+    return np.asarray(fpsample.fps_sampling(points, count, start_idx=0), dtype=np.int64)
+
+
+def spacing(points: Float[np.ndarray, "points 3"]) -> float:
+    """The median distance from a point to its nearest neighbour: the cloud's sampling noise."""
+    return float(np.median(neighbours(points, 1)[0]))
+
+
+def normals(points: Float[np.ndarray, "points 3"], count: int = 10) -> Float64[np.ndarray, "points 3"]:
+    """Unit normals (of no particular sign): the direction in which a point's neighbourhood is thinnest."""
+    near = points[neighbours(points, count)[1]]
+    offsets = near - near.mean(axis=1, keepdims=True)
+    covariances = np.einsum("nki,nkj->nij", offsets, offsets)
+    return np.linalg.eigh(covariances)[1][:, :, 0]

@@ -1,0 +1,117 @@
+"""Projection: the relaxed model's parts linked to a kinematic tree of screw joints (Eq. 11, A.2)."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import networkx as nx
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+
+from schemas.config import ProjectionConfig
+from schemas.kinematic import KinematicModel
+from schemas.relaxed import RelaxedModel
+from schemas.sequence import PointSequence
+from stages.kernels import se3
+from stages.kernels.sampling import farthest_points
+from stages.kernels.screw import ScrewFit, fit_screw
+
+
+def project(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
+    """The tree that minimises l_spatial E_spatial + l_1DOF E_1DOF, with a screw for each link (Eq. 11)."""
+    p_canonical = sequence.frames()[relaxed.canonical_frame]
+    return link_parts(p_canonical, relaxed.labels, relaxed.Ts_frame_canonical, relaxed.canonical_frame, config)
+
+
+def link_parts(
+    p_canonical: Float64[np.ndarray, "points 3"],
+    labels: Int64[np.ndarray, "points"],
+    Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"],
+    canonical_frame: int,
+    config: ProjectionConfig,
+) -> KinematicModel:
+    """Link labelled parts with known motions; the root is the part that moves least."""
+    samples = part_samples(p_canonical, labels, config.samples_per_part)
+    spatial = spatial_energies(samples)
+    fits = relative_screws(samples, Ts_frame_canonical)
+    # the pair's energy must not depend on which of the two is called the child
+    one_dof = 0.5 * (fits.residual + fits.residual.T).numpy()
+    root = stillest_part(samples, Ts_frame_canonical)
+    cost = config.lambda_spatial * spatial + config.lambda_1dof * one_dof
+    links = spanning_tree(cost, root)
+    parent, child = links[:, 0], links[:, 1]
+    e_spatial, e_1dof = spatial[parent, child], one_dof[parent, child]
+    return KinematicModel(
+        canonical_frame=canonical_frame,
+        root=root,
+        labels=labels,
+        Ts_frame_canonical=Ts_frame_canonical,
+        joint_parent=parent,
+        joint_child=child,
+        joint_types=tuple("screw" for _ in links),
+        axis=fits.axis[parent, child].numpy(),
+        point=fits.point[parent, child].numpy(),
+        states=fits.states[parent, child].numpy(),
+        e_spatial=e_spatial,
+        e_1dof=e_1dof,
+        energies={
+            "E_project": float(config.lambda_spatial * e_spatial.sum() + config.lambda_1dof * e_1dof.sum()),
+            "E_group": group_energy(p_canonical, labels),
+        },
+    )
+
+
+def part_samples(
+    p_canonical: Float64[np.ndarray, "points 3"], labels: Int64[np.ndarray, "points"], count: int
+) -> Float64[np.ndarray, "parts count 3"]:
+    """`count` farthest points of each part; a smaller part's are repeated."""
+    samples = []
+    for part in range(labels.max() + 1):
+        members = p_canonical[labels == part]
+        samples.append(members[np.resize(farthest_points(members, count), count)])
+    return np.stack(samples)
+
+
+def spatial_energies(samples: Float64[np.ndarray, "parts count 3"]) -> Float64[np.ndarray, "parts parts"]:
+    """E_spatial of every pair of parts: the least squared distance between their sample points."""
+    p = torch.from_numpy(samples)
+    return torch.cdist(p[:, None], p[None, :]).amin(dim=(-1, -2)).square().numpy()
+
+
+def relative_screws(
+    samples: Float64[np.ndarray, "parts count 3"], Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"]
+) -> ScrewFit:
+    """The best screw of every part (second axis) against every other (first axis); E_1DOF is its residual."""
+    Ts = torch.from_numpy(Ts_frame_canonical).transpose(0, 1)
+    Ts_parent_child = se3.inverse(Ts)[:, None] @ Ts[None, :]
+    p = torch.from_numpy(samples).expand(len(samples), *samples.shape)
+    return fit_screw(Ts_parent_child, p)
+
+
+def stillest_part(
+    samples: Float64[np.ndarray, "parts count 3"], Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"]
+) -> int:
+    """The part whose points move least in the mean over all frames."""
+    p = torch.from_numpy(samples)
+    moved = se3.transform(torch.from_numpy(Ts_frame_canonical), p)
+    return int((moved - p).norm(dim=-1).mean(dim=(0, 2)).argmin())
+
+
+def spanning_tree(cost: Float64[np.ndarray, "parts parts"], root: int) -> Int64[np.ndarray, "joints 2"]:
+    """(parent, child) of each link of the minimum spanning tree, parents before their children."""
+    graph = nx.Graph()
+    graph.add_nodes_from(range(len(cost)))
+    graph.add_weighted_edges_from((a, b, float(cost[a, b])) for a in range(len(cost)) for b in range(a + 1, len(cost)))
+    tree = cast(nx.Graph, nx.minimum_spanning_tree(graph))
+    links = list(nx.bfs_edges(tree, root, sort_neighbors=sorted))
+    return np.array(links, dtype=np.int64).reshape(-1, 2)
+
+
+def group_energy(p_canonical: Float64[np.ndarray, "points 3"], labels: Int64[np.ndarray, "points"]) -> float:
+    """E_group (A.5): mean over parts of the mean squared distance of a part's points from their centre."""
+    spreads = []
+    for part in np.unique(labels):
+        members = p_canonical[labels == part]
+        spreads.append(np.mean(((members - members.mean(axis=0)) ** 2).sum(axis=1)))
+    return float(np.mean(spreads))

@@ -1,0 +1,51 @@
+"""Where the relaxed fit starts: parts and motions read off the flow, or none at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from schemas.flow import Flow
+from schemas.sequence import PointSequence
+from stages.flow.trajectories import follow_flow
+from stages.kernels.nearest import KDTree, nearest, neighbours
+from stages.kernels.rigid_clustering import merge_rigid_clusters, moments, rigid_motion
+from stages.kernels.sampling import farthest_points
+
+SEEDS_PER_PART = 12
+SURFACE_NEIGHBOURS = 6
+
+
+@dataclass(frozen=True)
+class Start:
+    """Labels of some canonical points and a motion for every part and frame."""
+
+    labels: Int64[np.ndarray, "points"]
+    Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"]
+
+
+def start_from_flow(
+    p_canonical: Float64[np.ndarray, "points 3"],
+    sequence: PointSequence,
+    flow: Flow,
+    canonical_frame: int,
+    max_parts: int,
+    flow_neighbours: int,
+) -> Start:
+    """Cluster the points' trajectories along the flow into at most `max_parts` rigid parts.
+
+    Small patches of the surface merge greedily, touching ones only, at the price of the rigid residual
+    that their union adds.
+    """
+    trajectories = follow_flow(p_canonical, sequence, flow, canonical_frame, flow_neighbours)
+    seeds = farthest_points(p_canonical, min(SEEDS_PER_PART * max_parts, max(1, len(p_canonical) // 6)))
+    patch = nearest(KDTree(p_canonical[seeds]), p_canonical)[1]
+    near = neighbours(p_canonical, SURFACE_NEIGHBOURS)[1]
+    touching = np.stack([patch[np.arange(len(patch)).repeat(near.shape[1])], patch[near.ravel()]], axis=1)
+    patches = moments(p_canonical, trajectories, patch, len(seeds))
+    merged = merge_rigid_clusters(patches, np.unique(touching, axis=0), max_parts)
+    labels = merged[patch]
+    motions = rigid_motion(moments(p_canonical, trajectories, labels, labels.max() + 1))
+    return Start(labels, motions.transpose(1, 0, 2, 3))

@@ -1,0 +1,94 @@
+"""The result: what model.json and model.npz say of a fitted model, in the input's units."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+
+import numpy as np
+from jaxtyping import Float64
+
+from schemas.kinematic import KinematicModel
+from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result, Vector
+from schemas.sequence import PointSequence
+
+
+def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
+    """The model in the canonical frame's input coordinates, as other programs read it.
+
+    Raises ValueError for a model with screw joints: those are decided by the final fit.
+    """
+    undecided = [joint for joint, kind in enumerate(model.joint_types) if kind == "screw"]
+    if undecided:
+        raise ValueError(
+            f"KinematicModel.joint_types: joints {undecided} are screws, expected revolute or prismatic; "
+            "run the final fit first"
+        )
+    p_canonical = sequence.to_input(sequence.frames()[model.canonical_frame])
+    counts = np.bincount(model.labels, minlength=model.part_count).tolist()
+    return Result(
+        model=ModelFile(
+            units=sequence.units,
+            frames=sequence.frame_count,
+            canonical_frame=model.canonical_frame,
+            root=model.root,
+            parts=tuple(ModelPart(id=i, name=f"part_{i}", point_count=count) for i, count in enumerate(counts)),
+            joints=tuple(_joint(model, sequence, joint) for joint in range(len(model.joint_types))),
+        ),
+        canonical_points=p_canonical.astype(np.float32),
+        labels=model.labels,
+        T_frame_canonical=_to_input(model.Ts_frame_canonical, sequence),
+    )
+
+
+def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJoint:
+    parent, child = int(model.joint_parent[joint]), int(model.joint_child[joint])
+    revolute = model.joint_types[joint] == "revolute"
+    states = model.states[joint, :, 0] if revolute else model.states[joint, :, 1] * sequence.scale
+    axis = model.axis[joint]
+    point = sequence.to_input(model.point[joint])
+    return ModelJoint(
+        id=joint,
+        name=f"joint_{parent}_{child}",
+        parent=parent,
+        child=child,
+        type="revolute" if revolute else "prismatic",
+        axis=_vector(axis),
+        point=_vector(point - axis * (axis @ point)),  # again nearest the origin, which is now the input's
+        lower=float(states.min()),
+        upper=float(states.max()),
+        states=tuple(states.tolist()),
+    )
+
+
+def _vector(p: Float64[np.ndarray, "3"]) -> Vector:
+    x, y, z = p.tolist()
+    return x, y, z
+
+
+def _to_input(
+    Ts_normalised: Float64[np.ndarray, "*batch 4 4"], sequence: PointSequence
+) -> Float64[np.ndarray, "*batch 4 4"]:
+    """The same motions for points in input coordinates: p_input = scale * p_normalised + centre."""
+    Ts = Ts_normalised.copy()
+    centre = np.asarray(sequence.centre)
+    Ts[..., :3, 3] = sequence.scale * Ts[..., :3, 3] + centre - Ts[..., :3, :3] @ centre
+    return Ts
+
+
+def result_files(result: Result) -> dict[str, bytes]:
+    """The bytes of model.json and model.npz: the same for the same result, at any time."""
+    text = json.dumps(result.model.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
+    return {"model.json": text.encode(), "model.npz": _npz_bytes(result.arrays())}
+
+
+def _npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:
+    """What numpy.savez writes, but for the time of writing, which it puts into the archive."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, array in arrays.items():
+            entry = io.BytesIO()
+            np.lib.format.write_array(entry, array, allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0)), entry.getvalue())
+    return buffer.getvalue()

@@ -1,0 +1,220 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+import yourdfpy
+
+from schemas.config import RoboartConfig
+from schemas.errors import InputError
+from stages.ingest.roboart import build_from_urdf, build_sequence, builder
+from stages.ingest.roboart.catalogue import robot_description
+from stages.ingest.roboart.urdf import read_urdf
+from stages.kernels.screw import screw_transform
+
+CONFIG = RoboartConfig(points=600)
+
+
+@pytest.fixture
+def recorded(monkeypatch):
+    """The joint positions that the builder chose, which its output tells only relative to frame 0."""
+    calls = []
+    choose = builder.joint_motion
+
+    def record(*arguments):
+        calls.append(choose(*arguments))
+        return calls[-1]
+
+    monkeypatch.setattr(builder, "joint_motion", record)
+    return calls
+
+
+def moved(Ts, labels, points):
+    return np.einsum("nij,nj->ni", Ts[labels, :3, :3], points) + Ts[labels, :3, 3]
+
+
+def posed_triangles(path, mesh_dirs, positions):
+    """World triangles of each link's visuals, by yourdfpy alone."""
+    robot = yourdfpy.URDF.load(
+        str(path), filename_handler=lambda fname: fname.replace("package://", f"{mesh_dirs[0]}/")
+    )
+    robot.update_cfg(positions)
+    found = {}
+    for node in robot.scene.graph.nodes_geometry:
+        T, geometry = robot.scene.graph[node]
+        link = robot.scene.graph.transforms.parents[node]
+        while link not in robot.link_map:
+            link = robot.scene.graph.transforms.parents[link]
+        triangles = robot.scene.geometry[geometry].triangles @ T[:3, :3].T + T[:3, 3]
+        found.setdefault(link, []).append(triangles)
+    return {link: np.concatenate(pieces) for link, pieces in found.items()}
+
+
+def distances(points, triangles):
+    pairs_t = np.repeat(triangles[None], len(points), axis=0).reshape(-1, 3, 3)
+    pairs_p = np.repeat(points, len(triangles), axis=0)
+    # in millimetres, as trimesh takes a triangle of less than about 1e-6 square units for a point
+    nearest = trimesh.triangles.closest_point(1e3 * pairs_t, 1e3 * pairs_p) / 1e3
+    return np.linalg.norm(nearest - pairs_p, axis=1).reshape(len(points), -1).min(axis=1)
+
+
+def assert_on_surface(path, mesh_dirs, positions, parts, points, labels, tolerance=1e-6):
+    triangles = posed_triangles(path, mesh_dirs, positions)
+    for part, links in enumerate(parts):
+        surface = np.concatenate([triangles[link] for link in links if link in triangles])
+        assert distances(points[labels == part], surface).max() < tolerance
+
+
+def links_by_part(robot, moving):
+    """The names of the links that no moving joint parts from one another."""
+    part = {0: 0}
+    for joint in robot.joints:
+        part[joint.child] = 1 + moving.index(joint.name) if joint.name in moving else part[joint.parent]
+    return [[robot.links[link] for link in part if part[link] == index] for index in range(len(moving) + 1)]
+
+
+ARM_PARTS = [["base"], ["upper", "button"], ["fore"], ["slide"], ["flag"]]
+
+
+def test_the_arm_comes_out_as_its_visible_parts_and_joints(arm):
+    _, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))
+    assert truth.part_names == ("base", "upper", "fore", "slide", "flag")
+    assert truth.parent.tolist() == [-1, 0, 1, 2, 0]
+    assert [(j.name, j.parent, j.child, j.type) for j in truth.joints] == [
+        ("shoulder", 0, 1, "revolute"),
+        ("elbow", 1, 2, "revolute"),
+        ("rail", 2, 3, "prismatic"),
+        ("echo", 0, 4, "revolute"),
+    ]
+
+
+def test_shapes_are_as_the_configuration_asks(arm):
+    config = RoboartConfig(frames=4, points=50, novel_states=2)
+    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    assert [frame.shape for frame in frames] == [(50, 3)] * 4
+    assert [labels.shape for labels in truth.labels] == [(50,)] * 4
+    assert all(labels.dtype == np.int64 for labels in (*truth.labels, truth.parent))
+    assert truth.Ts_frame_first.shape == (4, 5, 4, 4)
+    assert truth.Ts_novel_first.shape == (2, 5, 4, 4)
+    none = build_from_urdf(arm, (), RoboartConfig(novel_states=0), np.random.default_rng(0))[1]
+    assert none.Ts_novel_first.shape == (0, 5, 4, 4)
+
+
+def test_every_frame_lies_on_the_surface_that_yourdfpy_poses(arm, recorded):
+    frames, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(3))
+    names = [joint.name for joint in read_urdf(arm).joints]
+    for positions, points, labels in zip(recorded[0][0], frames, truth.labels, strict=True):
+        assert_on_surface(arm, (), dict(zip(names, positions, strict=True)), ARM_PARTS, points, labels)
+
+
+def test_frame_0_moved_by_the_true_motions_lies_on_every_other_frame_and_unseen_state(arm, recorded):
+    frames, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(4))
+    names = [joint.name for joint in read_urdf(arm).joints]
+    swept, unseen = recorded[0]
+    for positions, Ts in [
+        *zip(swept, truth.Ts_frame_first, strict=True),
+        *zip(unseen, truth.Ts_novel_first, strict=True),
+    ]:
+        points = moved(Ts, truth.labels[0], frames[0])
+        assert_on_surface(arm, (), dict(zip(names, positions, strict=True)), ARM_PARTS, points, truth.labels[0])
+
+
+def assert_screws_reproduce_motions(truth):
+    for joint in truth.joints:
+        state = torch.tensor(joint.states, dtype=torch.float64)
+        zero = torch.zeros_like(state)
+        Ts_joint = screw_transform(
+            torch.tensor(joint.axis, dtype=torch.float64),
+            torch.tensor(joint.point, dtype=torch.float64),
+            *((zero, state) if joint.type == "prismatic" else (state, zero)),
+        ).numpy()
+        Ts = truth.Ts_frame_first
+        assert joint.states[0] == 0
+        np.testing.assert_allclose(Ts[:, joint.parent] @ Ts_joint, Ts[:, joint.child], atol=1e-9)
+
+
+def test_each_joints_screw_carries_the_parents_motion_to_the_childs(arm):
+    assert_screws_reproduce_motions(build_from_urdf(arm, (), CONFIG, np.random.default_rng(5))[1])
+
+
+def test_the_base_stands_still(arm):
+    truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))[1]
+    np.testing.assert_allclose(truth.Ts_frame_first[:, 0], np.tile(np.eye(4), (10, 1, 1)), atol=1e-15)
+
+
+def test_limits_are_kept_mimic_joints_follow_and_held_joints_rest(arm, recorded):
+    names = [joint.name for joint in read_urdf(arm).joints]
+    for seed in range(5):
+        build_from_urdf(arm, (), CONFIG, np.random.default_rng(seed))
+        position = dict(zip(names, np.concatenate(recorded[-1]).T, strict=True))
+        assert position["shoulder"].min() >= 0.3
+        assert position["shoulder"].max() <= 2.5
+        assert position["rail"].min() >= -0.3
+        assert position["rail"].max() <= -0.1
+        assert position["echo"].min() >= -0.5
+        np.testing.assert_allclose(position["echo"], 0.6 - 0.5 * position["shoulder"])
+        np.testing.assert_array_equal(position["press"], 0.0)
+
+
+def as_bytes(built):
+    frames, truth = built
+    arrays = [*frames, *truth.labels, truth.Ts_frame_first, truth.Ts_novel_first, truth.parent]
+    return [array.tobytes() for array in arrays], truth.part_names, truth.joints
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(arm):
+    first, again, other = (
+        as_bytes(build_from_urdf(arm, (), CONFIG, np.random.default_rng(seed))) for seed in (0, 0, 1)
+    )
+    assert first == again
+    assert not set(first[0][:10]) & set(other[0][:10])
+
+
+def test_frames_are_sampled_independently(arm):
+    frames, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))
+    assert not np.isin(frames[0][truth.labels[0] == 0], frames[1][truth.labels[1] == 0]).all(axis=1).any()
+
+
+def test_a_motion_that_strikes_another_part_is_avoided(urdf, monkeypatch):
+    path = urdf.write(
+        urdf.link("base", urdf.box("0.4 0.4 0.4"), urdf.box("0.5 0.3 0.4", "0.6 0.6 0")),
+        urdf.link("arm", urdf.box("1.2 0.1 0.1", "0.6 0 0")),
+        urdf.joint("hinge", "continuous", "base", "arm", '<axis xyz="0 0 1"/>'),
+    )
+
+    def deepest(seed):
+        frames, truth = build_from_urdf(path, (), CONFIG, np.random.default_rng(seed))
+        points = np.concatenate([p[labels == 1] for p, labels in zip(frames, truth.labels, strict=True)])
+        return (np.array([0.25, 0.15, 0.2]) - np.abs(points - [0.6, 0.6, 0])).min(axis=1).max()
+
+    assert max(deepest(seed) for seed in range(8)) < 0.05
+    monkeypatch.setattr(builder, "penetration_score", lambda *arguments: lambda Ts: 0.0)
+    assert max(deepest(seed) for seed in range(8)) > 0.05
+
+
+def test_a_robot_that_cannot_move_is_refused(urdf):
+    path = urdf.write(
+        urdf.link("a", urdf.box("1 1 1")), urdf.link("b", urdf.box("1 1 1")), urdf.joint("weld", "fixed", "a", "b")
+    )
+    with pytest.raises(InputError, match="no joint that moves a visible part"):
+        build_from_urdf(path, (), CONFIG, np.random.default_rng(0))
+
+
+def test_a_missing_mesh_is_refused_by_name(urdf):
+    path = urdf.write(urdf.link("a", urdf.shape('<mesh filename="package://pack/lost.stl"/>')))
+    with pytest.raises(InputError, match=r"package://pack/lost\.stl"):
+        build_from_urdf(path, (urdf.folder,), CONFIG, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("name", "parts"), [("bolt", 7), ("ur5", 7)])
+def test_a_real_robots_frames_lie_on_its_posed_meshes(name, parts, recorded):
+    path, mesh_dirs = robot_description(name)
+    frames, truth = build_sequence(name, RoboartConfig(points=60), np.random.default_rng(0))
+    robot = read_urdf(path)
+    names = [joint.name for joint in robot.joints]
+    members = links_by_part(robot, [joint.name for joint in truth.joints])
+    assert len(truth.parent) == parts
+    assert_screws_reproduce_motions(truth)
+    last = dict(zip(names, recorded[0][0][-1], strict=True))
+    assert_on_surface(path, mesh_dirs, last, members, frames[-1], truth.labels[-1])

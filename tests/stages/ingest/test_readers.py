@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from schemas.errors import InputError
+from stages.ingest.readers import read_frames
+
+RNG = np.random.default_rng(0)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_frames(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def write_xyz(path: Path, points: np.ndarray) -> None:
+    np.savetxt(path, points)
+
+
+def write_ply(path: Path, points: np.ndarray) -> None:
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property double {name}\n" for name in "xyz") + "end_header\n"
+    path.write_bytes(header.encode() + points.astype("<f8").tobytes())
+
+
+def write_pcd(path: Path, points: np.ndarray) -> None:
+    header = "FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nWIDTH {0}\nHEIGHT 1\nPOINTS {0}\nDATA binary\n"
+    path.write_bytes(header.format(len(points)).encode() + points.astype("<f8").tobytes())
+
+
+def write_state(path: Path, points: np.ndarray) -> None:
+    path.write_bytes(pickle.dumps({"pc": points, "part_id": np.zeros(len(points), dtype=np.int64)}))
+
+
+WRITERS = {".xyz": write_xyz, ".ply": write_ply, ".pcd": write_pcd, ".npy": np.save}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_folder_of_each_format_gives_its_frames_of_any_length(tmp_path: Path, suffix: str) -> None:
+    clouds = [RNG.normal(size=(count, 3)) for count in (40, 33, 57)]
+    for index, cloud in enumerate(clouds):
+        WRITERS[suffix](tmp_path / f"frame_{index}{suffix}", cloud)
+    frames = read_frames(tmp_path)
+    assert [frame.name for frame in frames] == [f"frame_{index}{suffix}" for index in range(3)]
+    for frame, cloud in zip(frames, clouds, strict=True):
+        np.testing.assert_allclose(frame.points, cloud, rtol=1e-15)
+        assert frame.points.dtype == np.float64
+
+
+def test_frames_come_in_natural_order(tmp_path: Path) -> None:
+    for name in ("frame_10", "frame_2", "frame_1", "a_100", "a_20", "frame_002b"):
+        write_xyz(tmp_path / f"{name}.xyz", np.full((2, 3), 1.0))
+    names = [frame.name.removesuffix(".xyz") for frame in read_frames(tmp_path)]
+    assert names == ["a_20", "a_100", "frame_1", "frame_2", "frame_002b", "frame_10"]
+
+
+def test_endings_may_be_in_capitals_and_other_files_may_lie_beside(tmp_path: Path) -> None:
+    for index in range(2):
+        write_ply(tmp_path / f"{index}.PLY", np.ones((3, 3)))
+    for name in ("README.md", ".DS_Store", "._0.ply", "ground_truth.npz", "pose_1.pkl", "ground_truth.json"):
+        (tmp_path / name).write_text("something else")
+    (tmp_path / "folder.ply").mkdir()
+    assert [frame.name for frame in read_frames(tmp_path)] == ["0.PLY", "1.PLY"]
+
+
+def test_the_original_roboarts_states_are_frames(tmp_path: Path) -> None:
+    clouds = RNG.normal(size=(11, 20, 3))
+    for index, cloud in enumerate(clouds):
+        write_state(tmp_path / f"state_{index}.pkl", cloud)
+    (tmp_path / "graph.gpickle").write_bytes(b"cos\nsystem\n(Vfalse\ntR.")
+    (tmp_path / "part_mapping.pkl").write_bytes(b"cos\nsystem\n(Vfalse\ntR.")
+    np.testing.assert_array_equal([frame.points for frame in read_frames(tmp_path)], clouds)
+
+
+def test_one_array_of_all_frames_is_read_from_npy_and_npz(tmp_path: Path) -> None:
+    stack = RNG.normal(size=(4, 30, 3)).astype(np.float32)
+    np.save(tmp_path / "a.npy", stack)
+    np.savez(tmp_path / "b.npz", anything=stack)
+    np.savez_compressed(tmp_path / "c.npz", points=stack, labels=np.zeros((4, 30)))
+    np.savez(tmp_path / "d.npz", pc=(stack * 1000).astype(np.int32), labels=np.zeros((4, 30)))
+    for name, expected in (("a.npy", stack), ("b.npz", stack), ("c.npz", stack), ("d.npz", np.trunc(stack * 1000))):
+        frames = read_frames(tmp_path / name)
+        np.testing.assert_array_equal([frame.points for frame in frames], expected)
+        assert [frame.name for frame in frames] == [f"{name}[{index}]" for index in range(4)]
+
+
+def test_nan_points_are_kept_for_the_next_step_to_count(tmp_path: Path) -> None:
+    stack = RNG.normal(size=(2, 30, 3))
+    stack[1, 3, 2] = np.nan
+    np.save(tmp_path / "a.npy", stack)
+    np.testing.assert_array_equal(read_frames(tmp_path / "a.npy")[1].points, stack[1])
+
+
+def test_a_path_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    assert "neither a file nor a folder" in refusal(tmp_path / "absent")
+
+
+def test_an_empty_folder_is_named(tmp_path: Path) -> None:
+    assert "an empty folder" in refusal(tmp_path)
+
+
+def test_a_folder_without_frames_names_what_lies_there(tmp_path: Path) -> None:
+    for name in ("a.obj", "b.obj", "c.txt", "d.las"):
+        (tmp_path / name).write_text("1 2 3\n")
+    assert "no frame among a.obj, b.obj, c.txt, ..." in refusal(tmp_path)
+
+
+def test_frames_of_two_kinds_in_one_folder_are_refused(tmp_path: Path) -> None:
+    write_xyz(tmp_path / "0.xyz", np.ones((2, 3)))
+    write_ply(tmp_path / "1.ply", np.ones((2, 3)))
+    assert ".ply and .xyz" in refusal(tmp_path)
+
+
+def test_one_frame_only_is_refused_in_each_form(tmp_path: Path) -> None:
+    np.save(tmp_path / "one.npy", np.ones((1, 40, 3)))
+    assert "found 1 frame, expected at least 2" in refusal(tmp_path / "one.npy")
+    np.save(tmp_path / "flat.npy", np.ones((40, 3)))
+    assert "expected (frames, points, 3)" in refusal(tmp_path / "flat.npy")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write_ply(folder / "0.ply", np.ones((40, 3)))
+    assert "found 1 frame" in refusal(folder)
+    assert "give the folder" in refusal(folder / "0.ply")
+
+
+def test_a_file_with_a_wrong_ending_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 1 2 3\n")
+    assert "found a .obj file" in refusal(tmp_path / "a.obj")
+    (tmp_path / "noending").write_text("1 2 3\n")
+    refusal(tmp_path / "noending")
+
+
+def test_the_damaged_frame_of_a_folder_is_named(tmp_path: Path) -> None:
+    for index in range(3):
+        write_ply(tmp_path / f"{index}.ply", np.ones((40, 3)))
+    broken = tmp_path / "1.ply"
+    broken.write_bytes(broken.read_bytes()[:-10])
+    assert str(broken) in refusal(tmp_path)
+    write_ply(broken, np.ones((40, 3)))
+    read_frames(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "stack",
+    [
+        np.ones((3, 40, 2)),
+        np.ones((3, 40, 4)),
+        np.ones(40),
+        np.ones((3, 2, 40, 3)),
+        np.ones((3, 40, 3), dtype=complex),
+        np.ones((3, 40, 3), dtype=bool),
+        np.full((3, 40, 3), None),
+        np.full((3, 40, 3), "1"),
+    ],
+    ids=lambda stack: f"{stack.dtype}{stack.shape}",
+)
+def test_arrays_of_other_shapes_and_types_are_refused(tmp_path: Path, stack: np.ndarray) -> None:
+    np.save(tmp_path / "a.npy", stack)
+    refusal(tmp_path / "a.npy")
+    np.savez(tmp_path / "a.npz", points=stack)
+    refusal(tmp_path / "a.npz")
+
+
+def test_frames_in_two_dimensions_are_refused_with_their_shape(tmp_path: Path) -> None:
+    for index in range(2):
+        np.save(tmp_path / f"{index}.npy", np.ones((40, 2)))
+    assert "(40, 2)" in refusal(tmp_path)
+
+
+def test_an_npz_must_say_which_array_holds_the_points(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", first=np.ones((2, 40, 3)), second=np.ones((2, 40, 3)))
+    assert "first, second" in refusal(tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz")
+    refusal(tmp_path / "a.npz")
+
+
+def test_a_damaged_npz_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, points=RNG.normal(size=(3, 40, 3)))
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    for data in (b"", b"text", whole[:middle], whole[:middle] + bytes(20) + whole[middle + 20 :]):
+        path.write_bytes(data)
+        assert "unsafely" not in refusal(path)  # numpy's own message advises to unpickle
+    np.save(tmp_path / "b.npy", np.ones((2, 40, 3)))
+    (tmp_path / "b.npy").rename(tmp_path / "b.npz")
+    refusal(tmp_path / "b.npz")
+
+
+def test_a_state_that_holds_something_else_is_refused(tmp_path: Path) -> None:
+    write_state(tmp_path / "state_0.pkl", np.ones((40, 3)))
+    for content in ({"points": np.ones((40, 3))}, [1, 2], {"pc": [[1, 2, 3]]}, {"pc": np.ones((40, 2))}):
+        (tmp_path / "state_1.pkl").write_bytes(pickle.dumps(content))
+        assert "state_1.pkl" in refusal(tmp_path)

@@ -1,0 +1,225 @@
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from schemas.config import IngestConfig
+from schemas.errors import InputError
+from stages.ingest import ingest
+from stages.ingest.sources import FileSource, RoboartSource, file_source, list_sources
+
+CONFIG = IngestConfig()
+
+
+def write_frames(folder: Path, count: int = 3) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    for index in range(count):
+        np.savetxt(folder / f"frame_{index}.xyz", rng.normal(size=(40, 3)))
+    return folder
+
+
+def write_truth(folder: Path, frames: int = 3) -> Path:
+    np.savez(
+        folder / "ground_truth.npz",
+        labels=np.tile(np.arange(40) % 2, (frames, 1)),
+        poses=np.tile(np.eye(4), (frames, 2, 1, 1)),
+    )
+    (folder / "ground_truth.json").write_text('{"root": 0, "edges_child_parent": [[1, 0]]}')
+    return folder / "ground_truth.npz"
+
+
+def write_pickles(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    cloud = np.random.default_rng(0).normal(size=(40, 3))
+    for index in range(2):
+        state = {"pc": cloud, "part_id": np.arange(40) % 2}
+        (folder / f"state_{index}.pkl").write_bytes(pickle.dumps(state))
+    (folder / "pose_1.pkl").write_bytes(pickle.dumps({0: np.eye(4), 1: np.eye(4)}))
+    return folder
+
+
+def names(data: Path) -> list[str]:
+    return [source.name for source in list_sources(CONFIG, data)]
+
+
+def refusal(config: IngestConfig, data: Path | None) -> str:
+    with pytest.raises(InputError) as caught:
+        list_sources(config, data)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_each_folder_and_each_array_with_frames_is_a_sequence(tmp_path: Path) -> None:
+    write_frames(tmp_path / "robot_10")
+    write_frames(tmp_path / "robot_9" / "frames")
+    write_pickles(tmp_path / "original")
+    np.save(tmp_path / "stack.npy", np.ones((2, 40, 3)))
+    np.savez(tmp_path / "zipped.npz", points=np.ones((2, 40, 3)))
+    np.savez(tmp_path / "ground_truth.npz", labels=np.zeros(3))
+    write_frames(tmp_path / ".hidden")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "README.md").write_text("about")
+    assert names(tmp_path) == ["original", "robot_9", "robot_10", "stack", "zipped"]
+    assert [source.frames_path for source in list_sources(CONFIG, tmp_path)] == [
+        *(tmp_path / name for name in ("original", "robot_9/frames", "robot_10", "stack.npy", "zipped.npz"))
+    ]
+
+
+def test_a_folder_that_is_one_sequence_is_one_in_every_layout(tmp_path: Path) -> None:
+    write_frames(tmp_path / "direct")
+    write_frames(tmp_path / "below" / "frames")
+    np.save(tmp_path / "stack.npy", np.ones((2, 40, 3)))
+    for data, name in (("direct", "direct"), ("below", "below"), ("below/frames", "below"), ("stack.npy", "stack")):
+        assert names(tmp_path / data) == [name]
+    for index in range(3):
+        np.save(write_frames(tmp_path / "arrays", 0) / f"{index}.npy", np.ones((40, 3)))
+    assert names(tmp_path / "arrays") == ["arrays"]
+
+
+def test_the_ground_truth_is_found_beside_the_frames_or_above_them(tmp_path: Path) -> None:
+    write_truth(write_frames(tmp_path / "direct"))
+    write_frames(tmp_path / "below" / "frames")
+    write_truth(tmp_path / "below")
+    for path in ("direct", "below", "below/frames"):
+        source = file_source(tmp_path / path)
+        assert source.truth_path is not None
+        loaded = ingest(source, CONFIG, np.random.default_rng(0))
+        assert loaded.truth is not None
+        assert loaded.truth.parent.tolist() == [-1, 0]
+        assert len(loaded.truth.labels) == 120
+    pickles = file_source(write_pickles(tmp_path / "original"))
+    truth = ingest(pickles, CONFIG, np.random.default_rng(0)).truth
+    assert truth is not None
+    assert truth.parent.tolist() == [-1, -1]
+    assert file_source(write_frames(tmp_path / "plain")).truth_path is None
+
+
+def test_points_and_units_of_files_arrive_normalised(tmp_path: Path) -> None:
+    source = file_source(write_frames(tmp_path / "a"))
+    steps = []
+    loaded = ingest(
+        source,
+        IngestConfig(units="millimetre"),
+        np.random.default_rng(0),
+        lambda done, total, energy=None: steps.append((done, total)),
+    )
+    assert loaded.sequence.units == "millimetre"
+    assert loaded.sequence.frame_names == ("frame_0.xyz", "frame_1.xyz", "frame_2.xyz")
+    expected = np.loadtxt(tmp_path / "a" / "frame_1.xyz")
+    np.testing.assert_allclose(loaded.sequence.to_input(loaded.sequence.frames()[1]), expected, atol=1e-12)
+    assert steps == [(0, 1), (1, 1)]
+
+
+def test_names_are_safe_parts_of_a_path(tmp_path: Path) -> None:
+    for folder in ("my scan (1)", "a;b,c", "größe", "-rf"):
+        write_frames(tmp_path / folder)
+    found = names(tmp_path)
+    assert sorted(found) == ["a_b_c", "größe", "my_scan_1", "rf"]
+    assert file_source(Path("/")).name == "sequence"
+
+
+def test_two_sequences_of_one_name_are_refused(tmp_path: Path) -> None:
+    write_frames(tmp_path / "a b")
+    write_frames(tmp_path / "a_b")
+    message = refusal(CONFIG, tmp_path)
+    assert "'a_b' twice" in message
+    assert str(tmp_path / "a b") in message
+
+
+def test_data_without_sequences_is_refused(tmp_path: Path) -> None:
+    assert "no sequence" in refusal(CONFIG, tmp_path)
+    assert "check the path" in refusal(CONFIG, tmp_path / "absent")
+    assert "ingest.source" in refusal(CONFIG, None)
+
+
+def test_a_file_that_is_no_sequence_is_reported_when_it_is_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 1 2 3")
+    (source,) = list_sources(CONFIG, path)
+    with pytest.raises(InputError, match=r"a\.obj"):
+        source.load(CONFIG, np.random.default_rng(0))
+
+
+def test_the_digest_changes_with_a_byte_a_name_or_the_truth_and_with_nothing_else(tmp_path: Path) -> None:
+    folder = write_frames(tmp_path / "a")
+    write_truth(folder)
+    digests = [file_source(folder).digest()]
+    assert digests[0] == file_source(folder).digest()
+    (folder / "README").write_text("beside")
+    (folder / ".DS_Store").write_text("beside")
+    assert file_source(folder).digest() == digests[0]
+    assert FileSource("b", write_frames(tmp_path / "b"), folder / "ground_truth.npz").digest() == digests[0]
+
+    def changed() -> bool:
+        digests.append(file_source(folder).digest())
+        return digests.count(digests[-1]) == 1
+
+    for name in ("frame_1.xyz", "ground_truth.npz", "ground_truth.json"):
+        data = bytearray((folder / name).read_bytes())
+        data[len(data) // 2] ^= 1
+        (folder / name).write_bytes(data)
+        assert changed()
+    (folder / "frame_2.xyz").rename(folder / "frame_9.xyz")
+    assert changed()
+    first, second = (folder / f"frame_{index}.xyz" for index in (0, 1))
+    contents = first.read_bytes(), second.read_bytes()
+    first.write_bytes(contents[1])
+    second.write_bytes(contents[0])
+    assert changed()
+    second.unlink()
+    assert changed()
+    (folder / "ground_truth.npz").unlink()
+    assert changed()
+
+
+def test_the_digest_of_pickles_covers_frames_and_transforms(tmp_path: Path) -> None:
+    folder = write_pickles(tmp_path / "a")
+    before = file_source(folder).digest()
+    (folder / "graph.gpickle").write_bytes(b"ignored")
+    assert file_source(folder).digest() == before
+    (folder / "pose_1.pkl").write_bytes(b"other")
+    assert file_source(folder).digest() != before
+
+
+def test_the_digest_of_what_cannot_be_read_leaves_the_error_to_load(tmp_path: Path) -> None:
+    source = file_source(tmp_path / "absent")
+    assert len(source.digest()) == 64
+    with pytest.raises(InputError, match="absent"):
+        source.load(CONFIG, np.random.default_rng(0))
+
+
+def test_listing_and_digests_need_neither_torch_nor_open3d(tmp_path: Path) -> None:
+    write_frames(tmp_path / "a")
+    program = (
+        "import sys; from pathlib import Path; from schemas.config import IngestConfig; "
+        "from stages.ingest.sources import list_sources; "
+        f"[source.digest() for source in list_sources(IngestConfig(), Path({str(tmp_path)!r}))]; "
+        "print([name for name in ('torch', 'open3d', 'scipy') if name in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
+
+
+def test_roboart_gives_the_builders_robots() -> None:
+    sources = list_sources(IngestConfig(source="roboart"), None)
+    assert sources
+    assert all(isinstance(source, RoboartSource) for source in sources)
+    assert len({source.name for source in sources}) == len(sources)
+    assert len(sources[0].digest()) == 64
+
+
+def test_a_robot_arrives_normalised_in_metres_with_its_truth() -> None:
+    config = IngestConfig(source="roboart", roboart={"frames": 3, "points": 200, "novel_states": 1})
+    source = next(source for source in list_sources(config, None) if source.name == "bolt")
+    loaded = source.load(config, np.random.default_rng(0))
+    assert loaded.sequence.units == "metre"
+    assert loaded.sequence.point_counts.tolist() == [200, 200, 200]
+    assert loaded.truth is not None
+    assert loaded.truth.joints
+    assert loaded.truth.Ts_novel_first.shape[0] == 1

@@ -1,0 +1,367 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+from scipy.spatial.transform import Rotation
+
+from schemas.config import EvaluationConfig
+from schemas.kinematic import KinematicModel
+from schemas.metrics import Metrics
+from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
+from stages.evaluation import chamfer_distance, evaluate, line_distance, match_parts
+
+FRAMES, PER_PART, CANONICAL = 5, 60, 3
+PARENT = [-1, 0, 1, 0]
+"""A body with an arm of two links and a drawer; every joint's state is zero in frame 0."""
+CENTRE = np.array([[0.0, 0, 0], [0.2, 0, 0], [0.35, 0.1, 0], [-0.2, 0, 0]])
+AXIS = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 1, 0]])
+POINT = np.array([[0.1, 0.02, 0], [0.3, 0.05, 0], [-0.1, 0, 0]])
+TYPES = ("revolute", "revolute", "prismatic")
+STATES = np.array([[0, 0.2, 0.4, 0.7, 1.0], [0, -0.3, -0.5, -0.6, -0.8], [0, 0.02, 0.05, 0.08, 0.1]])
+NOVEL = np.array([[-0.5, 1.4], [0.7, 0.3], [-0.04, 0.15]])
+
+
+def joint_motion(joint: int, state: float, axis: np.ndarray, point: np.ndarray) -> np.ndarray:
+    T = np.eye(4)
+    if TYPES[joint] == "prismatic":
+        T[:3, 3] = state * axis
+    else:
+        T[:3, :3] = Rotation.from_rotvec(state * axis).as_matrix()
+        T[:3, 3] = point - T[:3, :3] @ point
+    return T
+
+
+def pose(states: np.ndarray, axis: np.ndarray, point: np.ndarray) -> np.ndarray:
+    Ts = [np.eye(4)]
+    for joint in range(3):
+        Ts.append(Ts[PARENT[joint + 1]] @ joint_motion(joint, states[joint], axis[joint], point[joint]))
+    return np.stack(Ts)
+
+
+def poses(states: np.ndarray, axis: np.ndarray, point: np.ndarray) -> np.ndarray:
+    return np.stack([pose(state, axis, point) for state in states.T])
+
+
+def moved(Ts: np.ndarray, labels: np.ndarray, p: np.ndarray) -> np.ndarray:
+    return np.einsum("nij,nj->ni", Ts[labels, :3, :3], p) + Ts[labels, :3, 3]
+
+
+def ingested(units: str = "metre", scale: float = 2.0) -> IngestedSequence:
+    rng = np.random.default_rng(0)
+    Ts = poses(STATES, AXIS, POINT)
+    labels = np.stack([rng.permutation(np.repeat(np.arange(4), PER_PART)) for _ in range(FRAMES)])
+    frames = [moved(Ts[t], labels[t], CENTRE[labels[t]] + rng.uniform(-0.07, 0.07, (240, 3))) for t in range(FRAMES)]
+    sequence = PointSequence(
+        points=np.concatenate(frames),
+        point_counts=np.full(FRAMES, 4 * PER_PART),
+        dropped_counts=np.zeros(FRAMES, dtype=np.int64),
+        scale=scale,
+        centre=(3.0, -1.0, 0.5),
+        units=units,
+        frame_names=tuple(f"frame_{t}" for t in range(FRAMES)),
+    )
+    joints = tuple(
+        TrueJoint(
+            name=f"joint {j}",
+            parent=PARENT[j + 1],
+            child=j + 1,
+            type=TYPES[j],
+            axis=tuple(AXIS[j]),
+            point=tuple(POINT[j]),
+            states=tuple(STATES[j] + 0.25),  # its zero is elsewhere
+        )
+        for j in range(3)
+    )
+    truth = GroundTruth(
+        labels=labels.ravel(),
+        Ts_frame_first=Ts,
+        Ts_novel_first=poses(NOVEL, AXIS, POINT),
+        parent=np.array(PARENT),
+        part_names=("body", "upper arm", "forearm", "drawer"),
+        joints=joints,
+    )
+    return IngestedSequence(sequence=sequence, truth=truth)
+
+
+def true_model(data: IngestedSequence) -> KinematicModel:
+    """The model that is exactly right: axes carried to the canonical frame, states since then."""
+    truth = data.truth
+    T_canonical_first = truth.Ts_frame_first[CANONICAL][PARENT[1:]]
+    axis = np.einsum("jab,jb->ja", T_canonical_first[:, :3, :3], AXIS)
+    point = moved(T_canonical_first, np.arange(3), POINT)
+    point -= axis * (axis * point).sum(1, keepdims=True)
+    states = np.zeros((3, FRAMES, 2))
+    for j, column in enumerate((0, 0, 1)):
+        states[j, :, column] = STATES[j] - STATES[j, CANONICAL]
+    return KinematicModel(
+        canonical_frame=CANONICAL,
+        root=0,
+        labels=truth.labels.reshape(FRAMES, -1)[CANONICAL],
+        Ts_frame_canonical=truth.Ts_frame_first @ np.linalg.inv(truth.Ts_frame_first[CANONICAL]),
+        joint_parent=np.array(PARENT[1:]),
+        joint_child=np.arange(1, 4),
+        joint_types=TYPES,
+        axis=axis,
+        point=point,
+        states=states,
+        e_spatial=np.zeros(3),
+        e_1dof=np.zeros(3),
+        energies={},
+    )
+
+
+def measured(model: KinematicModel, data: IngestedSequence, seed: int = 0) -> Metrics:
+    return evaluate(model, data, EvaluationConfig(), np.random.default_rng(seed))
+
+
+def with_truth(data: IngestedSequence, **changes: Any) -> IngestedSequence:
+    return data.replace(truth=data.truth.replace(**changes))
+
+
+def test_the_true_model_is_perfect() -> None:
+    data = ingested()
+    metrics = measured(true_model(data), data)
+    assert (metrics.parts_found, metrics.parts_true, metrics.tree_edit_distance) == (4, 4, 0)
+    assert (metrics.ari, metrics.ri, metrics.acc5, metrics.acc10, metrics.joint_type_accuracy) == (1, 1, 1, 1, 1)
+    assert metrics.recon == pytest.approx(0, abs=1e-12)
+    assert metrics.epe == pytest.approx(0, abs=1e-12)
+    assert metrics.reanimation_percent == pytest.approx(0, abs=0.01)
+    assert [joint.predicted_type for joint in metrics.joints] == list(TYPES)
+    for joint in metrics.joints:
+        assert joint.axis_angle_deg == pytest.approx(0, abs=1e-5)
+        assert joint.state_error == pytest.approx(0, abs=1e-9)
+    assert [joint.axis_distance_percent for joint in metrics.joints] == [
+        pytest.approx(0, abs=1e-5),
+        pytest.approx(0, abs=1e-5),
+        None,
+    ]
+
+
+def test_renumbered_parts_and_a_reversed_joint_change_no_joint_error() -> None:
+    data = ingested()
+    model = true_model(data)
+    new = np.array([2, 0, 3, 1])
+    states = model.states.copy()
+    states[1] *= -1  # about the opposite axis the same motion has the opposite angle
+    axis = model.axis.copy()
+    axis[1] *= -1
+    # The upper arm as root: joint 0 now moves the body; the motion of parent against child is the inverse.
+    states[0] *= -1
+    model = model.replace(
+        labels=new[model.labels],
+        Ts_frame_canonical=model.Ts_frame_canonical[:, np.argsort(new)],
+        root=int(new[1]),
+        joint_parent=new[[1, 1, 0]],
+        joint_child=new[[0, 2, 3]],
+        axis=axis,
+        states=states,
+    )
+    metrics = measured(model, data)
+    assert metrics.ari == 1
+    assert metrics.recon == pytest.approx(0, abs=1e-12)
+    for joint in metrics.joints:
+        assert joint.axis_angle_deg == pytest.approx(0, abs=1e-5)
+        assert joint.state_error == pytest.approx(0, abs=1e-9)
+    assert metrics.joint_type_accuracy == 1
+
+
+def test_recon_and_epe_of_a_part_that_is_displaced_in_one_frame() -> None:
+    data = ingested(scale=2.0)
+    model = true_model(data)
+    Ts = model.Ts_frame_canonical.copy()
+    Ts[1, 3, :3, 3] += [0.03, 0, 0.04]
+    metrics = measured(model.replace(Ts_frame_canonical=Ts), data)
+    assert metrics.recon_percent == pytest.approx(100 * 0.05 / (4 * FRAMES))
+    assert metrics.recon == pytest.approx(2.0 * 0.05 / (4 * FRAMES))
+    assert metrics.epe_percent == pytest.approx(100 * 0.05 * 2 / (4 * (FRAMES - 1)))
+    assert metrics.epe == pytest.approx(2.0 * 0.05 * 2 / (4 * (FRAMES - 1)))
+    assert metrics.acc10 == pytest.approx(1 - 2 / (4 * (FRAMES - 1)))
+
+
+@pytest.mark.parametrize(
+    ("units", "scale", "error", "acc5", "acc10"),
+    [
+        ("metre", 2.0, 0.0049, 1.0, 1.0),
+        ("metre", 2.0, 0.0051, 0.75, 1.0),
+        ("metre", 2.0, 0.0101, 0.75, 0.75),
+        ("centimetre", 50.0, 0.49, 1.0, 1.0),
+        ("centimetre", 50.0, 0.51, 0.75, 1.0),
+        ("millimetre", 800.0, 4.9, 1.0, 1.0),
+        ("millimetre", 800.0, 10.1, 0.75, 0.75),
+        ("unknown", 8.0, 0.0049 * 8, 1.0, 1.0),
+        ("unknown", 8.0, 0.0051 * 8, 0.75, 1.0),
+        ("unknown", 8.0, 0.0101 * 8, 0.75, 0.75),
+    ],
+)
+def test_flow_is_accurate_within_5_and_10_millimetres(
+    units: str, scale: float, error: float, acc5: float, acc10: float
+) -> None:
+    data = ingested(units, scale)
+    model = true_model(data)
+    Ts = model.Ts_frame_canonical.copy()
+    Ts[:, 0, 2, 3] += np.arange(FRAMES) * error / scale  # the body stands still, so its flow's length is zero
+    metrics = measured(model.replace(Ts_frame_canonical=Ts), data)
+    assert (metrics.acc5, metrics.acc10) == (acc5, acc10)
+
+
+def test_flow_is_accurate_within_a_share_of_its_length() -> None:
+    data = ingested("metre", 1000.0)  # so large that 10 mm are nothing
+    drawer_step = STATES[2, 2] - STATES[2, 1]
+    for share, acc5, acc10 in ((0.0049, 1.0, 1.0), (0.0051, 15 / 16, 1.0), (0.0101, 15 / 16, 15 / 16)):
+        model = true_model(data)
+        Ts = model.Ts_frame_canonical.copy()
+        Ts[2:, 3, 0, 3] += share * drawer_step  # one part of four, one step of four
+        metrics = measured(model.replace(Ts_frame_canonical=Ts), data)
+        assert (metrics.acc5, metrics.acc10) == (acc5, acc10)
+
+
+def test_axis_errors_are_the_angle_and_the_distance_that_were_put_in() -> None:
+    data = ingested()
+    model = true_model(data)
+    axis, point = model.axis.copy(), model.point.copy()
+    across = np.cross(axis[0], [1.0, 0, 0])
+    point[0] += 0.03 * across / np.linalg.norm(across)
+    side = np.cross(axis[1], [0.0, 1, 0])
+    tilt = Rotation.from_rotvec(math.radians(10) * side / np.linalg.norm(side)).as_matrix()
+    axis[1] = tilt @ axis[1]
+    metrics = measured(model.replace(axis=axis, point=point), data)
+    assert metrics.joints[0].axis_distance_percent == pytest.approx(3)
+    assert metrics.joints[0].axis_angle_deg == pytest.approx(0, abs=1e-5)
+    assert metrics.joints[1].axis_angle_deg == pytest.approx(10)
+
+
+def test_state_error_is_in_radians_or_percent_of_the_diagonal() -> None:
+    data = ingested()
+    model = true_model(data)
+    states = model.states.copy()
+    states[0, 0, 0] += 0.1
+    states[1, 0, 0] += 2 * np.pi  # a whole turn more is the same pose
+    states[2, 4, 1] -= 0.02
+    metrics = measured(model.replace(states=states), data)
+    assert [joint.state_error for joint in metrics.joints] == [
+        pytest.approx(0.1 / FRAMES),
+        pytest.approx(0, abs=1e-9),
+        pytest.approx(2.0 / FRAMES),
+    ]
+
+
+def test_a_wrong_joint_type_has_no_state_error_and_counts_against_the_accuracy() -> None:
+    data = ingested()
+    model = true_model(data)
+    states = model.states.copy()
+    states[1] = 0
+    metrics = measured(model.replace(joint_types=("revolute", "prismatic", "prismatic"), states=states), data)
+    assert metrics.joint_type_accuracy == pytest.approx(2 / 3)
+    assert metrics.joints[1].state_error is None
+    assert metrics.joints[1].axis_distance_percent is None
+    assert metrics.joints[1].axis_angle_deg == pytest.approx(0, abs=1e-5)
+
+
+def test_a_true_joint_whose_parts_are_not_linked_is_unmatched() -> None:
+    data = ingested()
+    metrics = measured(true_model(data).replace(joint_parent=np.array([0, 0, 0])), data)
+    assert [joint.predicted_type for joint in metrics.joints] == ["revolute", None, "prismatic"]
+    assert metrics.joints[1].axis_angle_deg is None
+    assert metrics.joint_type_accuracy == 1
+    assert metrics.tree_edit_distance == 2
+
+
+def test_merged_parts_cost_recon_and_reanimation_and_lose_their_joint() -> None:
+    data = ingested()
+    model = true_model(data)
+    model = model.replace(
+        labels=np.array([0, 1, 1, 2])[model.labels],
+        Ts_frame_canonical=model.Ts_frame_canonical[:, [0, 1, 3]],
+        joint_parent=np.array([0, 0]),
+        joint_child=np.array([1, 2]),
+        joint_types=("revolute", "prismatic"),
+        axis=model.axis[[0, 2]],
+        point=model.point[[0, 2]],
+        states=model.states[[0, 2]],
+        e_spatial=np.zeros(2),
+        e_1dof=np.zeros(2),
+    )
+    metrics = measured(model, data)
+    assert [joint.predicted_type is None for joint in metrics.joints].count(True) == 1
+    assert metrics.tree_edit_distance == 1
+    assert metrics.recon_percent > 0.3
+    assert metrics.reanimation_percent > 0.5
+    assert metrics.ari < 0.8
+
+
+def test_reanimation_depends_on_nothing_but_the_seed() -> None:
+    data = ingested()
+    model = true_model(data).replace(point=true_model(data).point + 0.02)
+    first, second, other = (measured(model, data, seed) for seed in (1, 1, 2))
+    assert first == second
+    assert first.reanimation != other.reanimation
+    assert first.replace(reanimation=None, reanimation_percent=None) == other.replace(
+        reanimation=None, reanimation_percent=None
+    )
+
+
+def test_reanimation_moves_the_root_where_it_moved_in_the_sequence() -> None:
+    data = ingested()
+    base = np.tile(np.eye(4), (FRAMES + 2, 1, 1, 1))
+    for t in range(1, FRAMES + 2):
+        base[t, 0, :3, :3] = Rotation.from_rotvec([0.1 * t, -0.05 * t, 0]).as_matrix()
+        base[t, 0, :3, 3] = [0.05 * t, 0, -0.02 * t]
+    data = with_truth(
+        data,
+        Ts_frame_first=base[:FRAMES] @ data.truth.Ts_frame_first,
+        Ts_novel_first=base[FRAMES:] @ data.truth.Ts_novel_first,
+    )
+    points = np.concatenate(
+        [moved(base[t].repeat(240, 0), np.arange(240), p) for t, p in enumerate(data.sequence.frames())]
+    )
+    data = data.replace(sequence=data.sequence.replace(points=points))
+    metrics = measured(true_model(data), data)
+    assert metrics.recon == pytest.approx(0, abs=1e-12)
+    assert metrics.reanimation_percent == pytest.approx(0, abs=0.02)
+
+
+def test_without_ground_truth_only_the_chamfer_distance_is_known() -> None:
+    data = ingested()
+    metrics = measured(true_model(data), data.replace(truth=None))
+    known = {name for name, value in metrics.model_dump().items() if value not in (None, ())}
+    assert known == {"units", "diagonal", "canonical_frame", "parts_found", "chamfer_percent"}
+    assert metrics.chamfer_percent == measured(true_model(data), data).chamfer_percent
+
+
+def test_an_unknown_tree_and_no_unseen_states_leave_their_metrics_out() -> None:
+    data = with_truth(ingested(), parent=np.full(4, -1), Ts_novel_first=np.zeros((0, 4, 4, 4)), joints=())
+    metrics = measured(true_model(data), data)
+    assert metrics.tree_edit_distance is None
+    assert metrics.reanimation is None
+    assert metrics.joint_type_accuracy is None
+    assert metrics.recon == pytest.approx(0, abs=1e-12)
+
+
+def test_chamfer_distance_equals_its_naive_twin() -> None:
+    rng = np.random.default_rng(0)
+    predicted, frames = rng.normal(size=(3, 50, 3)), [rng.normal(size=(n, 3)) for n in (40, 50, 60)]
+    naive = [
+        (cdist(p, q).min(axis=1).mean() + cdist(p, q).min(axis=0).mean()) / 2
+        for p, q in zip(predicted, frames, strict=True)
+    ]
+    assert chamfer_distance(predicted, frames) == pytest.approx(np.mean(naive))
+
+
+def test_parts_are_matched_one_to_one_by_their_overlap() -> None:
+    labels_true = np.repeat([0, 1, 2], [10, 10, 5])
+    labels = np.repeat([4, 7, 4, 7], [10, 6, 4, 5])  # predicted 7 covers true 1 best, and all of true 2
+    assert match_parts(labels, labels_true) == {0: 4, 1: 7}
+
+
+@pytest.mark.parametrize(
+    ("axis", "point", "distance"),
+    [([0, 1, 0], [2, 5, 1], 2.0), ([0, 0, 1], [3, 4, 9], 5.0), ([0, 0.6, 0.8], [0, 0, 7], 0.0)],
+    ids=["skew", "parallel", "crossing"],
+)
+def test_distance_of_a_line_to_the_z_axis(axis: list[float], point: list[float], distance: float) -> None:
+    found = line_distance(np.array([0.0, 0, 1]), np.array([0.0, 0, 3]), np.array(axis), np.array(point))
+    assert found == pytest.approx(distance)

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from sklearn.metrics import adjusted_rand_score
+
+from schemas.config import MergingConfig, ProjectionConfig
+from stages.merging import merge
+from stages.projection import link_parts
+
+PROJECTION = ProjectionConfig()
+
+
+def split_in_four(truth, wobble=0.0):
+    """Each true part cut in two by a plane, with motions that differ by `wobble`."""
+    p = truth.sequence.frames()[2]
+    labels = 2 * truth.canonical_labels + (p[:, 1] > 0)
+    Ts = truth.Ts_frame_canonical[:, [0, 0, 1, 1]].copy()
+    Ts[[0, 1, 3, 4], 1, 2, 3] += wobble
+    return link_parts(p, labels, Ts, 2, PROJECTION)
+
+
+def test_pieces_of_one_part_are_rejoined_and_parts_kept_apart(two_part_object):
+    merged = merge(split_in_four(two_part_object), two_part_object.sequence, MergingConfig(), PROJECTION)
+    assert adjusted_rand_score(merged.labels, two_part_object.canonical_labels) == 1.0
+    moving = int(merged.labels[two_part_object.canonical_labels == 1][0])
+    np.testing.assert_allclose(
+        merged.Ts_frame_canonical[:, moving], two_part_object.Ts_frame_canonical[:, 1], atol=1e-9
+    )
+
+
+def test_a_difference_below_the_threshold_merges_and_above_it_does_not(hinge):
+    for wobble, parts in ((0.002, 2), (0.05, 3)):
+        model = split_in_four(hinge, wobble)
+        assert merge(model, hinge.sequence, MergingConfig(), PROJECTION).part_count == parts
+
+
+def test_threshold_zero_merges_nothing(hinge):
+    assert merge(split_in_four(hinge, 0.01), hinge.sequence, MergingConfig(threshold=0), PROJECTION).part_count == 4
+
+
+def test_a_rigid_object_becomes_one_part(hinge):
+    p = hinge.sequence.frames()[2]
+    Ts = np.tile(np.eye(4), (5, 2, 1, 1))
+    model = link_parts(p, hinge.canonical_labels, Ts, 2, PROJECTION)
+    merged = merge(model, hinge.sequence, MergingConfig(), PROJECTION)
+    assert merged.part_count == 1
+    assert len(merged.joint_child) == 0
+    assert merged.energies["E_project"] == pytest.approx(0)
