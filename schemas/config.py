@@ -111,7 +111,7 @@ class MergingConfig(Schema):
     """A.3, in units of the sampling noise."""
 
     threshold: float = Field(
-        default=0.8, ge=0, description="linked parts whose motions differ by less (RMS, in point spacings) become one"
+        default=0.8, ge=0, description="touching parts whose motions differ by less (RMS, in point spacings) become one"
     )
 
 
@@ -127,7 +127,7 @@ class FinalFitConfig(Schema):
 
     iterations: int = Field(default=200, ge=0)
     points: int = Field(default=2048, ge=16)
-    learning_rate: float = Field(default=3e-3, gt=0)
+    learning_rate: float = Field(default=1e-2, gt=0)
     samples_per_part: int = Field(default=100, ge=1, description="points at which joint hypotheses are judged")
     still_root: float = Field(
         default=0.5, ge=0, description="a root that moves less (RMS, in point spacings) is held still"

@@ -1,4 +1,4 @@
-"""Merging: linked parts that move alike become one (A.3)."""
+"""Merging: parts that touch and move alike become one (A.3)."""
 
 from __future__ import annotations
 
@@ -10,29 +10,47 @@ from schemas.config import MergingConfig, ProjectionConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
 from stages.kernels import se3
+from stages.kernels.nearest import neighbours
 from stages.kernels.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
 from stages.kernels.sampling import spacing
-from stages.projection import link_parts
+from stages.projection import link_parts, part_samples, spatial_energies
+
+SURFACE_NEIGHBOURS = 8
+CONTACT = 5  # parts touch where at least so many pairs of neighbouring points cross from one to the other
 
 
 def merge(
     model: KinematicModel, sequence: PointSequence, config: MergingConfig, projection: ProjectionConfig
 ) -> KinematicModel:
-    """Merge linked parts, nearest in space first, until every E_merge >= the threshold; then link anew.
+    """Merge parts that are linked or touch, nearest in space first, until every E_merge >= the threshold.
 
-    A merged part moves by the one rigid motion that best agrees with both parts' own.
+    A tree links each part to few others, so pieces of one body may hang on different neighbours: touching
+    parts are looked at too. A merged part moves by the one rigid motion that best agrees with both; the
+    tree is then found anew.
     """
     p_canonical = sequence.frames()[model.canonical_frame]
-    trajectories = se3.transform(
-        torch.from_numpy(model.Ts_frame_canonical[:, model.labels]), torch.from_numpy(p_canonical)[:, None]
-    )[..., 0, :].numpy()
+    T_points = torch.from_numpy(model.Ts_frame_canonical[:, model.labels])
+    trajectories = se3.transform(T_points, torch.from_numpy(p_canonical)[:, None])[..., 0, :].numpy()
     parts = moments(p_canonical, trajectories, model.labels, model.part_count)
-    threshold = config.threshold * spacing(p_canonical)
-    groups = merge_linked(parts, model.joint_parent, model.joint_child, model.e_spatial, threshold)
+    links = np.stack([model.joint_parent, model.joint_child], axis=1)
+    pairs = np.concatenate([links, touching_parts(p_canonical, model.labels)])
+    apart = spatial_energies(part_samples(p_canonical, model.labels, projection.samples_per_part))
+    nearest_first = pairs[np.argsort(apart[pairs[:, 0], pairs[:, 1]], kind="stable")]
+    groups = merge_alike(parts, nearest_first, config.threshold * spacing(p_canonical))
     labels = groups[model.labels]
     merged = moments(p_canonical, trajectories, labels, groups.max() + 1)
     Ts = rigid_motion(merged).transpose(1, 0, 2, 3)
     return link_parts(p_canonical, labels, np.ascontiguousarray(Ts), model.canonical_frame, projection)
+
+
+def touching_parts(
+    p: Float64[np.ndarray, "points 3"], labels: Int64[np.ndarray, "points"]
+) -> Int64[np.ndarray, "pairs 2"]:
+    """Pairs of parts, smaller number first, whose points are neighbours in several places."""
+    near = labels[neighbours(p, SURFACE_NEIGHBOURS)[1]]
+    crossings = np.stack([np.minimum(labels[:, None], near), np.maximum(labels[:, None], near)], axis=-1)
+    pairs, counts = np.unique(crossings.reshape(-1, 2), axis=0, return_counts=True)
+    return pairs[(pairs[:, 0] != pairs[:, 1]) & (counts >= CONTACT)]
 
 
 def merge_energy(a: Moments, b: Moments) -> float:
@@ -46,24 +64,17 @@ def merge_energy(a: Moments, b: Moments) -> float:
     return float(np.sqrt(rigid_residual(a + b) / (frames * smaller)))
 
 
-def merge_linked(
-    parts: Moments,
-    parent: Int64[np.ndarray, "joints"],
-    child: Int64[np.ndarray, "joints"],
-    e_spatial: Float64[np.ndarray, "joints"],
-    threshold: float,
-) -> Int64[np.ndarray, "parts"]:
-    """The new part of each old part, 0..n-1."""
+def merge_alike(parts: Moments, pairs: Int64[np.ndarray, "pairs 2"], threshold: float) -> Int64[np.ndarray, "parts"]:
+    """The new part of each old part, 0..n-1, when the first pair below the threshold merges, again and again."""
     groups = np.arange(len(parts.count))
     group_moments = {part: parts[part] for part in range(len(parts.count))}
     merged = True
     while merged:
         merged = False
-        for joint in np.argsort(e_spatial, kind="stable"):
-            a, b = int(groups[parent[joint]]), int(groups[child[joint]])
+        for a, b in groups[pairs]:
             if a != b and merge_energy(group_moments[a], group_moments[b]) < threshold:
                 group_moments[a] = group_moments[a] + group_moments.pop(b)
                 groups[groups == b] = a
                 merged = True
-                break  # the merged part's energies have changed: look again, nearest first
+                break  # the merged part's energies have changed: look again from the first pair on
     return np.unique(groups, return_inverse=True)[1].astype(np.int64)

@@ -3,7 +3,7 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import MergingConfig, ProjectionConfig
-from stages.merging import merge
+from stages.merging import merge, touching_parts
 from stages.projection import link_parts
 
 PROJECTION = ProjectionConfig()
@@ -45,3 +45,22 @@ def test_a_rigid_object_becomes_one_part(hinge):
     assert merged.part_count == 1
     assert len(merged.joint_child) == 0
     assert merged.energies["E_project"] == pytest.approx(0)
+
+
+def test_touching_parts_are_those_with_neighbouring_points():
+    line = np.column_stack([np.arange(60) * 0.01, np.zeros((60, 2))])
+    line[:, 1] += 0.001 * (np.arange(60) % 2)
+    far = line + [0, 5, 0]
+    labels = np.concatenate([np.repeat([0, 1], 30), np.full(60, 2)])
+    np.testing.assert_array_equal(touching_parts(np.concatenate([line, far]), labels), [[0, 1]])
+
+
+def test_pieces_of_one_body_merge_even_where_the_tree_does_not_link_them(hinge):
+    model = split_in_four(hinge)
+    # a tree that hangs every piece on the lid's first piece instead of on its own body
+    detour = model.replace(
+        root=2,
+        joint_parent=np.array([2, 2, 2]),
+        joint_child=np.array([0, 1, 3]),
+    )
+    assert merge(detour, hinge.sequence, MergingConfig(), PROJECTION).part_count == 2

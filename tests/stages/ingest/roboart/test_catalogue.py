@@ -36,7 +36,7 @@ def test_the_digest_changes_with_a_mesh_and_with_the_urdf(urdf, monkeypatch):
     path = urdf.write(urdf.link("a", urdf.shape('<mesh filename="part.stl"/>')))
     monkeypatch.setattr(catalogue, "robot_description", lambda name: (path, ()))
     digests = [robot_digest("tiny"), robot_digest("tiny")]
-    mesh.write_bytes(b"second")
+    mesh.write_bytes(b"other")
     digests.append(robot_digest("tiny"))
     path.write_text(path.read_text().replace("tiny", "other"))
     digests.append(robot_digest("tiny"))
