@@ -25,7 +25,7 @@ def draw(result: Result) -> Figure:
     """The model on one sheet: canonical input, parts and axes, the farthest frame as posed by the model, tree."""
     p = result.canonical_points.astype(np.float64)
     colours = part_colours(len(result.model.parts))[result.labels]
-    figure = Figure(figsize=(16, 4.2), layout="constrained")
+    figure = Figure(figsize=(16, 4), layout="constrained")
     bounds = p.mean(axis=0), np.ptp(p, axis=0).max() / 2
     T_points = result.T_frame_canonical[:, result.labels]
     posed = np.einsum("tnij,nj->tni", T_points[..., :3, :3], p) + T_points[..., :3, 3]
@@ -39,7 +39,7 @@ def draw(result: Result) -> Figure:
         axes = cast(Axes3D, figure.add_subplot(1, 4, column + 1, projection="3d"))
         _scatter(axes, points, colour, title, bounds)
         if column == 1:
-            _joint_axes(axes, result.model, 2 * AXIS_LENGTH * bounds[1])
+            _joint_axes(axes, result, 2 * AXIS_LENGTH * bounds[1])
     _tree(figure.add_subplot(1, 4, 4), result.model)
     return figure
 
@@ -61,14 +61,16 @@ def _scatter(axes: Axes3D, p: Float[np.ndarray, "points 3"], colour: Any, title:
         zlim=(centre[2] - half, centre[2] + half),
         title=title,
     )
-    axes.set_box_aspect((1, 1, 1), zoom=1.35)
+    axes.set_box_aspect((1, 1, 1), zoom=1.5)
     axes.set_axis_off()
 
 
-def _joint_axes(axes: Axes3D, model: ModelFile, length: float) -> None:
-    """Each screw axis as a line through the point of it nearest the child's contact, P dashed."""
-    for joint in model.joints:
-        centre, direction = np.array(joint.point), np.array(joint.axis)
+def _joint_axes(axes: Axes3D, result: Result, length: float) -> None:
+    """Each joint's axis as a line beside its child part's centre; prismatic ones dashed."""
+    for joint in result.model.joints:
+        direction, point = np.array(joint.axis), np.array(joint.point)
+        child = result.canonical_points[result.labels == joint.child].mean(axis=0)
+        centre = point + direction * (direction @ (child - point))
         ends = np.stack([centre - length * direction, centre + length * direction])
         axes.plot(*ends.T, color="black", linewidth=1.5, linestyle="--" if joint.type == "prismatic" else "-")
 
@@ -77,12 +79,24 @@ def _tree(axes: Axes, model: ModelFile) -> None:
     graph = nx.DiGraph()
     graph.add_nodes_from(part.id for part in model.parts)
     graph.add_edges_from((joint.parent, joint.child) for joint in model.joints)
-    depth = nx.shortest_path_length(graph, model.root)
-    for part, level in depth.items():
-        graph.nodes[part]["level"] = -level
-    layout = nx.multipartite_layout(graph, subset_key="level", align="horizontal")
-    nx.draw_networkx(graph, layout, ax=axes, node_color=part_colours(len(model.parts)), font_color="white", font_size=8)
+    colours = part_colours(len(model.parts))[list(graph.nodes)]
+    layout = tree_layout(graph, model.root)
+    nx.draw_networkx(graph, layout, ax=axes, node_color=colours, font_color="white", font_size=8)
     marks = {(joint.parent, joint.child): JOINT_MARKS[joint.type] for joint in model.joints}
     nx.draw_networkx_edge_labels(graph, layout, marks, ax=axes, font_size=7)
     axes.set(title="kinematic tree (R revolute, P prismatic)")
     axes.set_axis_off()
+
+
+def tree_layout(graph: nx.DiGraph, root: int) -> dict[int, tuple[float, float]]:
+    """A place for each part: leaves side by side, a parent above the middle of its children; no line crosses."""
+    layout: dict[int, tuple[float, float]] = {}
+    depth = nx.shortest_path_length(graph, root)
+    leaves = 0
+    for part in nx.dfs_postorder_nodes(graph, root):
+        children = list(graph.successors(part))
+        if not children:
+            leaves += 1
+        x = float(np.mean([layout[child][0] for child in children])) if children else float(leaves)
+        layout[part] = (x, -float(depth[part]))
+    return layout

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fpsample
 import numpy as np
 from jaxtyping import Float, Float64, Int64
 
@@ -10,10 +9,20 @@ from stages.kernels.nearest import neighbours
 
 
 def farthest_points(points: Float[np.ndarray, "points 3"], count: int) -> Int64[np.ndarray, "count"]:
-    """Indices of `count` points, each farthest from those before it, from point 0 on; all when there are fewer."""
+    """Indices of `count` points, each farthest from those before it, from point 0 on; all when there are fewer.
+
+    Our own, since the packages for it have no wheels for some Pythons, or return points without indices.
+    """
     if count >= len(points):
         return np.arange(len(points))
-    return np.asarray(fpsample.fps_sampling(points, count, start_idx=0), dtype=np.int64)
+    axes = np.ascontiguousarray(points.T)
+    chosen = np.zeros(count, dtype=np.int64)
+    squared = np.full(len(points), np.inf)
+    for k in range(1, count):
+        x, y, z = axes - axes[:, chosen[k - 1], None]
+        np.minimum(squared, x * x + y * y + z * z, out=squared)
+        chosen[k] = squared.argmax()
+    return chosen
 
 
 def spacing(points: Float[np.ndarray, "points 3"]) -> float:
