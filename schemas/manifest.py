@@ -49,7 +49,7 @@ class Manifest(Provenance):
 
 
 class Failure(Schema):
-    """`<stage>-<key>.failed.json`: why the last attempt at an artifact failed. Removed by a success."""
+    """`<stage>-<key>.failed.json`: why the last attempt at an artifact failed. Removed when the next one starts."""
 
     stage: str
     key: str

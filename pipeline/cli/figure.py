@@ -1,0 +1,33 @@
+"""`reart figure`: a picture of a model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.options import writable_folder
+from pipeline.model_folder import read_model_folder
+from schemas.errors import InputError
+
+FORMATS = (".png", ".svg", ".pdf")
+
+
+def figure(
+    model: Annotated[Path, typer.Argument(help="A folder with model.json and model.npz, as `reart fit` writes it.")],
+    *,
+    out: Annotated[Path, typer.Option(help="The picture: .png, .svg or .pdf.")],
+) -> None:
+    """Draw a model: the input, its parts and joint axes, a posed frame, and the kinematic tree.
+
+    Example: `reart figure models/lamp --out lamp.png`
+    """
+    if out.suffix.lower() not in FORMATS:
+        raise InputError(f"--out {out}: found {out.suffix or 'no ending'}, expected {', '.join(FORMATS)}; rename it")
+    result = read_model_folder(model)
+    writable_folder(out.parent, "--out")
+    from stages.figure import draw  # matplotlib takes a second to import
+
+    draw(result).savefig(out, dpi=110)
+    typer.echo(f"written: {out}")

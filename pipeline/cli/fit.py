@@ -1,0 +1,107 @@
+"""`reart fit`: one sequence of point clouds to a model."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pipeline import store
+from pipeline.cli.options import (
+    PresetOption,
+    SeedOption,
+    SetOption,
+    WorkersOption,
+    dataset_config,
+    follow,
+    name_failures,
+    screen,
+    writable_folder,
+)
+from pipeline.cli.run import show_metrics
+from pipeline.cli.tables import model_table
+from pipeline.launch import Outcome
+from pipeline.protocol import Request
+from schemas.metrics import Metrics
+from schemas.model_file import ModelFile, Result
+
+DATASET = "scans"
+
+
+def fit(
+    frames: Annotated[Path, typer.Argument(help="A folder of frames, or one .npy/.npz of shape (T, N, 3).")],
+    *,
+    out: Annotated[Path, typer.Option(help="Where model.json and model.npz go; artifacts go to its workdir/.")],
+    preset: PresetOption = None,
+    units: Annotated[
+        str | None, typer.Option(help="The unit of the coordinates: metre, centimetre or millimetre.")
+    ] = None,
+    truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
+    seed: SeedOption = None,
+    workers: WorkersOption,
+    settings: SetOption,
+) -> None:
+    """Fit a model to one sequence of point clouds.
+
+    Examples:
+
+    - `reart fit scans/lamp --out models/lamp --units metre`
+
+    - `reart fit lamp.npz --out models/lamp --set relaxed_fit.gumbel.iterations=2000`
+    """
+    unit = [f"ingest.units={units}"] if units else []
+    config = dataset_config(DATASET, preset, [*unit, *settings, "ingest.source=files"], seed)
+    request = Request(
+        dataset=DATASET,
+        workdir=writable_folder(out, "--out") / "workdir",
+        config=config,
+        frames=frames,
+        truth=truth,
+        workers=workers,
+    )
+    console, start = screen(), time.perf_counter()
+    outcome = follow(request, console)
+    if outcome.exit_code() == 0:
+        deliver(outcome, out)
+        summarise(outcome, out, time.perf_counter() - start, console)
+    name_failures(outcome)
+    raise typer.Exit(outcome.exit_code())
+
+
+def directory_of(outcome: Outcome, task: str) -> Path:
+    """The artifact of a task of the only sequence."""
+    return next(directory for (_, label), directory in outcome.planned.items() if label == task)
+
+
+def deliver(outcome: Outcome, out: Path) -> None:
+    """Put the result's files where the user wants them, each whole or not at all."""
+    result = directory_of(outcome, "result")
+    store.read(result, Result)
+    for name in ("model.npz", "model.json"):
+        write_atomically(out / name, (result / name).read_bytes())
+    metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
+    if metrics.parts_true is not None:
+        write_atomically(out / "metrics.json", metrics.model_dump_json(indent=1).encode() + b"\n")
+    else:
+        (out / "metrics.json").unlink(missing_ok=True)  # an earlier fit's
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write beside `path`, then rename: a reader sees the old content or the new, never half of it."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_bytes(content)
+    os.replace(partial, path)
+
+
+def summarise(outcome: Outcome, out: Path, seconds: float, console: Console) -> None:
+    """Say what was found, how well it fits, and where it is."""
+    console.print(model_table(ModelFile.model_validate_json((out / "model.json").read_bytes())))
+    energies = store.read_manifest(directory_of(outcome, "final_fit")).payload["energies"]
+    console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
+    show_metrics(outcome, console)
+    written = [out / file for file in ("model.json", "model.npz", "metrics.json") if (out / file).exists()]
+    console.print(f"written in {seconds:.1f} s: {', '.join(map(str, written))}", soft_wrap=True)

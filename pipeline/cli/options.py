@@ -1,0 +1,98 @@
+"""What several commands share: their options, and how a run is shown and ended."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pipeline import launch
+from pipeline.display import RunDisplay
+from pipeline.presets import DATASETS, load_config
+from pipeline.protocol import Request
+from schemas.config import PipelineConfig
+from schemas.errors import InputError
+
+
+def cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+DatasetOption = Annotated[str, typer.Option(help="The data set: roboart, sapien or scans.")]
+WorkdirOption = Annotated[Path, typer.Option(help="Where artifacts are kept.")]
+DataOption = Annotated[Path | None, typer.Option(help="The folder of sequences, where the data set is files.")]
+PresetOption = Annotated[str | None, typer.Option(help="Further settings: `paper`, or the path of a .toml file.")]
+SetOption = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        default_factory=list,
+        show_default=False,
+        metavar="STAGE.FIELD=VALUE",
+        help="Override one setting; may be repeated.",
+    ),
+]
+SeedOption = Annotated[int | None, typer.Option(min=0, help="The same seed and input give the same model; default 0.")]
+WorkersOption = Annotated[
+    int, typer.Option(default_factory=cores, min=1, help="Stages computed at a time.", show_default="the cores")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def screen() -> Console:
+    """Standard output; wide enough for any table where it is not a terminal."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+
+
+def dataset_config(dataset: str, preset: str | None, settings: list[str], seed: int | None) -> PipelineConfig:
+    """The configuration for a data set. Raises InputError."""
+    if dataset not in DATASETS:
+        raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
+    presets = [dataset] if preset is None else [dataset, preset]
+    return load_config(presets, settings if seed is None else [f"seed={seed}", *settings])
+
+
+def writable_folder(folder: Path, option: str) -> Path:
+    """Make a folder where there is none. Raises InputError where nothing can be written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except FileExistsError as error:
+        raise InputError(f"{option} {folder}: found a file, expected a folder; give another path") from error
+    except OSError as error:
+        raise InputError(
+            f"{option} {folder}: nothing can be written there ({error.strerror}); give another path"
+        ) from error
+
+
+def follow(request: Request, console: Console) -> launch.Outcome:
+    """Run the engine and show what it does. Raises InputError where it refuses the request."""
+    with RunDisplay(console) as display:
+        outcome = launch.run(request, display)
+    if outcome.refused:
+        raise InputError(outcome.refused)
+    return outcome
+
+
+def name_failures(outcome: launch.Outcome) -> None:
+    """Say on standard error what went wrong, and where the logs are."""
+    for failure in outcome.failures.values():
+        log = outcome.log_of(failure)
+        where = f" (log: {log})" if log else ""
+        print(f"error: {failure.sequence} {failure.task}: {failure.message}{where}", file=sys.stderr)
+    if outcome.died:
+        print(f"error: {outcome.died}; what was complete is kept: give the same command again", file=sys.stderr)
+    elif not outcome.failures and not outcome.planned:
+        print(
+            "error: none of the sequences is to be had on this machine; the warnings tell how to get them",
+            file=sys.stderr,
+        )
+    elif not outcome.failures and outcome.incomplete():
+        print(f"error: {len(outcome.incomplete())} artifacts are missing; give the same command again", file=sys.stderr)

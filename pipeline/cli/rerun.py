@@ -1,0 +1,52 @@
+"""`reart rerun`: a stage and all after it, computed anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.options import (
+    DataOption,
+    DatasetOption,
+    PresetOption,
+    SeedOption,
+    SetOption,
+    WorkdirOption,
+    WorkersOption,
+    dataset_config,
+    writable_folder,
+)
+from pipeline.cli.run import finish
+from pipeline.protocol import Request
+
+
+def rerun(
+    stage: Annotated[str, typer.Argument(help="The first stage to compute anew, as in `reart status`.")],
+    *,
+    dataset: DatasetOption,
+    sequence: Annotated[str, typer.Option(help="The sequence.")],
+    data: DataOption = None,
+    workdir: WorkdirOption = Path("workdir"),
+    preset: PresetOption = None,
+    seed: SeedOption = None,
+    workers: WorkersOption,
+    settings: SetOption,
+) -> None:
+    """Compute a stage of one sequence, and all after it, anew.
+
+    Each old artifact stays until the new one takes its place, so nothing is lost where this fails or is killed.
+
+    Example: `reart rerun final_fit --dataset roboart --sequence bolt`
+    """
+    request = Request(
+        dataset=dataset,
+        workdir=writable_folder(workdir, "--workdir"),
+        config=dataset_config(dataset, preset, settings, seed),
+        data=data,
+        sequences=(sequence,),
+        workers=workers,
+        rerun=stage,
+    )
+    finish(request)

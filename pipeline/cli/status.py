@@ -1,0 +1,79 @@
+"""`reart status`: which stages of which sequences are done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.cli.options import (
+    DataOption,
+    DatasetOption,
+    JsonOption,
+    PresetOption,
+    SeedOption,
+    SetOption,
+    WorkdirOption,
+    dataset_config,
+    screen,
+)
+from pipeline.protocol import Request
+
+if TYPE_CHECKING:
+    from pipeline.status import TaskStatus
+
+COLOURS = {"corrupt": "red", "failed": "red", "stale": "yellow", "missing": "dim"}  # the worst first
+
+
+def status(
+    *,
+    dataset: DatasetOption = "roboart",
+    data: DataOption = None,
+    workdir: WorkdirOption = Path("workdir"),
+    preset: PresetOption = None,
+    seed: SeedOption = None,
+    settings: SetOption,
+    as_json: JsonOption = False,
+) -> None:
+    """Show which stages are done, failed (and why), stale (made with other settings only) or missing.
+
+    Examples:
+
+    - `reart status`
+
+    - `reart status --dataset scans --data my_scans --json`
+    """
+    from pipeline.status import collect
+
+    request = Request(
+        dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed), data=data
+    )
+    tasks = collect(request)
+    if as_json:
+        print(f"[{', '.join(task.model_dump_json() for task in tasks)}]")
+        return
+    cells: dict[str, dict[str, list[TaskStatus]]] = {}
+    for task in tasks:
+        cells.setdefault(task.sequence, {}).setdefault(task.stage, []).append(task)
+    stages = dict.fromkeys(task.stage for task in tasks)
+    table = Table("sequence", *stages)
+    for sequence, row in cells.items():
+        table.add_row(sequence, *(_cell(row.get(stage, [])) for stage in stages))
+    console = screen()
+    console.print(table)
+    for task in tasks:
+        if task.message:
+            log = f" (log: {task.log})" if task.log else ""
+            console.print(f"{task.sequence} {task.task} {task.state}: {escape(task.message)}{log}", soft_wrap=True)
+
+
+def _cell(tasks: list[TaskStatus]) -> str:
+    """One stage of one sequence: its worst state, or the seconds that its tasks took."""
+    done = [task for task in tasks if task.state == "done"]
+    if len(done) == len(tasks):
+        return f"{sum(task.seconds or 0 for task in done):.1f} s" if done else "-"
+    worst = next(state for state in COLOURS if any(task.state == state for task in tasks))
+    share = f" ({len(done)}/{len(tasks)} done)" if done else ""
+    return f"[{COLOURS[worst]}]{worst}[/]{share}"

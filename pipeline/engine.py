@@ -1,0 +1,114 @@
+"""The engine: the process that runs Luigi and forks a worker for every task.
+
+The command line starts it with `python -P -m pipeline.engine EVENTS PARENT`: the pipe's descriptor for its
+events and the process that it dies with; the request comes on standard input. It stays apart from the
+command line so that the screen never forks, and so that killing one process ends everything at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import importlib
+import multiprocessing
+import os
+import re
+import signal
+import sys
+from collections.abc import Iterable, Sequence
+
+from pipeline import store
+from pipeline.isolated_luigi import luigi
+from pipeline.plan import plan
+from pipeline.plugins import check_plugins
+from pipeline.processes import die_with_parent, how_it_ended
+from pipeline.protocol import Event, Report, Request, write_to_pipe
+from pipeline.task import StageTask, upstream_first
+from pipeline.tasks import IngestTask, final_tasks
+from schemas.errors import InputError
+
+
+class LocalLuigi:
+    """Luigi on one machine: nothing is forgotten or tried again while a run lasts, each task has its own process."""
+
+    def create_local_scheduler(self) -> luigi.scheduler.Scheduler:
+        return luigi.scheduler.Scheduler(
+            prune_on_get_work=False, record_task_history=False, stable_done_cooldown_secs=0
+        )
+
+    def create_worker(
+        self, scheduler: luigi.scheduler.Scheduler, worker_processes: int, assistant: bool = False
+    ) -> luigi.worker.Worker:
+        return luigi.worker.Worker(
+            scheduler=scheduler,
+            worker_processes=worker_processes,
+            force_multiprocessing=True,
+            wait_interval=0.2,
+            send_failure_email=False,
+        )
+
+
+def run(request: Request, report: Report) -> None:
+    """Bring every requested sequence as far as it goes. Raises InputError for a request that cannot be met."""
+    store.sweep(request.workdir)
+    jobs = plan(request, report)
+    for task in upstream_first(task for job in jobs for task in final_tasks(job)):
+        task.tell("planned", complete=task.complete())
+    ingests = [IngestTask(job=job) for job in jobs]
+    build(ingests, request.workers)  # first of all, so that bad input is told at once
+    tasks = upstream_first(task for ingest in ingests if ingest.complete() for task in final_tasks(ingest.job))
+    pending = [task for task in tasks if not task.complete()]  # also one that is missing before complete ones
+    if pending:
+        preload({task.stage for task in pending})
+        check_plugins(request.config)
+        build(pending, request.workers)
+
+
+def build(tasks: Sequence[StageTask], workers: int) -> None:
+    """Run tasks and all that they need. How it went is told by their events and by what is complete."""
+    luigi.build(
+        tasks,
+        worker_scheduler_factory=LocalLuigi(),
+        local_scheduler=True,
+        workers=workers,
+        log_level="WARNING",
+    )
+
+
+def preload(stages: Iterable[str]) -> None:
+    """Import the pending stages once, so that workers, which are forked, need not: torch alone takes seconds.
+
+    Importing is all that may happen here. Numeric work in a process that forks leaves its children waiting
+    for threads that they do not have.
+    """
+    for module in ("zarr", *(f"stages.{stage}" for stage in stages)):
+        with contextlib.suppress(Exception):  # the worker meets the same error, and reports it as the stage's
+            importlib.import_module(module)
+
+
+@StageTask.event_handler(luigi.Event.PROCESS_FAILURE)
+def report_dead_worker(task: StageTask, luigi_message: str) -> None:
+    """A worker that was killed, or crashed, could not record its failure itself."""
+    if task.complete():
+        return  # it crashed on its way out, after its work was done
+    code = int(re.findall(r"-?\d+", luigi_message)[-1])
+    hint = " (most often for lack of memory)" if code == -signal.SIGKILL else ""
+    task.fail("ProcessDied", f"its process ended without a word: {how_it_ended(code)}{hint}")
+
+
+def main() -> None:
+    events, parent = map(int, sys.argv[1:])
+    die_with_parent(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command line, which ends us
+    faulthandler.enable(2)  # a crash in a C library leaves its traceback: a worker's goes to its log
+    multiprocessing.set_start_method("fork")
+    sys.path.append(os.getcwd())  # for the user's own stage functions; last, so that nothing of ours is shadowed
+    report = write_to_pipe(events)
+    try:
+        run(Request.model_validate_json(sys.stdin.buffer.read()), report)
+    except InputError as error:
+        report(Event(kind="refused", message=str(error)))
+
+
+if __name__ == "__main__":
+    main()

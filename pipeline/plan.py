@@ -1,0 +1,79 @@
+"""From a request to jobs: which sequences there are, and what a rerun replaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.protocol import Event, Report, Request, ignore
+from pipeline.store import completed_at
+from pipeline.task import Job, StageTask, upstream_first
+from pipeline.tasks import STAGES, final_tasks
+from schemas.errors import InputError, UnavailableError
+from stages.ingest.sources import Source, file_source, list_sources
+
+
+def plan(request: Request, report: Report = ignore) -> list[Job]:
+    """A job for each requested sequence; one whose input cannot be read is reported as failed and left out.
+
+    What this machine does not have fails only where it was asked for by name; else a warning tells how to get
+    it. Raises InputError where the request itself cannot be met: unknown sequences or stages, no data.
+    """
+    if request.rerun is not None and request.rerun not in STAGES:
+        raise InputError(f"stage: found {request.rerun!r}, expected one of {', '.join(STAGES)}")
+    jobs = []
+    for source in _sources(request):
+        try:
+            digest = source.digest()
+        except InputError as error:
+            optional = isinstance(error, UnavailableError) and request.sequences is None
+            report(
+                Event(
+                    kind="warning" if optional else "failed",
+                    sequence=source.name,
+                    task="ingest",
+                    message=str(error),
+                    bad_input=not optional,
+                )
+            )
+            continue
+        job = Job(request.dataset, source, digest, request.config, request.workdir, report)
+        if request.rerun is not None:
+            job.replaces.update(_completion_times(downstream_of(request.rerun, final_tasks(job))))
+        jobs.append(job)
+    return jobs
+
+
+def downstream_of(stage: str, tasks: Sequence[StageTask]) -> list[StageTask]:
+    """The tasks of a stage and all that read, directly or not, what they write."""
+    affected: list[StageTask] = []
+    for task in upstream_first(tasks):
+        if task.stage == stage or any(needed in affected for needed in task.requires().values()):
+            affected.append(task)
+    return affected
+
+
+def _sources(request: Request) -> list[Source]:
+    if request.frames is not None:
+        source = file_source(request.frames)
+        return [source if request.truth is None else replace(source, truth_path=_truth_file(request.truth))]
+    sources = {source.name: source for source in list_sources(request.config.ingest, request.data)}
+    wanted = request.sequences if request.sequences is not None else tuple(sources)
+    unknown = [name for name in wanted if name not in sources]
+    if unknown:
+        raise InputError(
+            f"sequences: found {', '.join(unknown)}, expected some of {', '.join(sources)}; check the spelling"
+        )
+    return [sources[name] for name in dict.fromkeys(wanted)]
+
+
+def _truth_file(truth: Path) -> Path:
+    """The ground truth in a folder, or the path as it is."""
+    inside = truth / "ground_truth.npz"
+    return inside if inside.is_file() else truth
+
+
+def _completion_times(tasks: Sequence[StageTask]) -> dict[Path, int]:
+    times = {task.directory: completed_at(task.directory) for task in tasks}
+    return {directory: time for directory, time in times.items() if time is not None}

@@ -1,0 +1,129 @@
+"""Configurations: presets (TOML files, of which a later one overrides an earlier) and single settings."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from schemas.artifact import Schema
+from schemas.config import PipelineConfig
+from schemas.errors import InputError
+
+FOLDER = Path(__file__).parent / "presets"
+DATASETS = ("roboart", "sapien", "scans")  # presets that say where sequences come from
+
+
+def load_config(presets: Sequence[str], overrides: Iterable[str] = ()) -> PipelineConfig:
+    """The configuration that presets and then `stage.field=value` overrides make of the defaults.
+
+    A preset is the name of one of ours, or the path of a .toml file. Raises InputError, one line that
+    names the setting, for anything unknown or out of range.
+    """
+    values: dict[str, Any] = {}
+    origin = "--set"
+    for preset in presets:
+        origin = f"preset {preset}"
+        _merge(values, _read_preset(preset))
+        _validated(values, origin)
+    for override in overrides:
+        origin = f"--set {' '.join(override.split())}"
+        _merge(values, _parse_override(override))
+        _validated(values, origin)
+    return _validated(values, origin)
+
+
+def preset_names() -> list[str]:
+    """The presets that come with the program."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+def _read_preset(preset: str) -> dict[str, Any]:
+    path = Path(preset) if preset.endswith(".toml") else FOLDER / f"{preset}.toml"
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"preset {preset}: cannot be read ({error.strerror}), expected one of {', '.join(preset_names())} "
+            "or the path of a .toml file"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"preset {preset}: not TOML ({error}); correct the file") from error
+
+
+def _parse_override(override: str) -> dict[str, Any]:
+    """`a.b=value` as {"a": {"b": value}}; the value is a TOML value, or else the text itself."""
+    name, separator, text = override.partition("=")
+    if not separator or not name.strip():
+        raise InputError(f"--set {override}: expected stage.field=value, as in final_fit.iterations=100")
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+        value = parsed["value"] if len(parsed) == 1 else text
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    *sections, field = name.strip().split(".")
+    nested = {field: value}
+    for section in reversed(sections):
+        nested = {section: nested}
+    return nested
+
+
+def _merge(values: dict[str, Any], changes: dict[str, Any]) -> None:
+    for name, change in changes.items():
+        if isinstance(change, dict) and isinstance(values.get(name), dict):
+            _merge(values[name], change)
+        else:
+            values[name] = change
+
+
+def _validated(values: dict[str, Any], origin: str) -> PipelineConfig:
+    try:
+        config = PipelineConfig.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(map(str, first["loc"]))
+        if first["type"] == "extra_forbidden":
+            name = ".".join([name, *_first_path(first["input"])])
+            raise InputError(f"{origin}: there is no setting {name!r}; {_nearest(name)}") from error
+        raise InputError(f"{origin}: {name}: found {first['input']!r}; {_lower(first['msg'])}") from error
+    for name, value in _settings(config):
+        numbers = value if isinstance(value, tuple) else (value,)
+        if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
+            raise InputError(f"{origin}: {name}: found {value}, expected a finite number")
+    return config
+
+
+def _first_path(value: Any) -> list[str]:
+    """The names that lead to the first single value in nested tables."""
+    if not isinstance(value, dict) or not value:
+        return []
+    name = next(iter(value))
+    return [name, *_first_path(value[name])]
+
+
+def _nearest(name: str) -> str:
+    known = [setting for setting, _ in _settings(PipelineConfig())]
+    same_field = [setting for setting in known if setting.split(".")[-1] == name.split(".")[-1]]
+    close = difflib.get_close_matches(name, known, n=3) or same_field[:3]
+    return (
+        f"did you mean {' or '.join(close)}?" if close else f"the sections are {', '.join(PipelineConfig.model_fields)}"
+    )
+
+
+def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, value) of every single setting."""
+    for name in type(config).model_fields:
+        value = getattr(config, name)
+        if isinstance(value, Schema):
+            yield from _settings(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _lower(message: str) -> str:
+    return message[:1].lower() + message[1:]

@@ -1,0 +1,69 @@
+"""What the command line and its engine process say to each other: one request, then a stream of events."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from schemas.artifact import Schema
+from schemas.config import PipelineConfig
+
+MESSAGE_LIMIT = 500  # characters, of up to six bytes each: an event's line stays below PIPE_BUF
+
+
+class Request(Schema):
+    """What to compute: every final artifact of these sequences."""
+
+    dataset: str
+    workdir: Path
+    config: PipelineConfig
+    data: Path | None = Field(default=None, description="a folder of sequences, where the source reads files")
+    frames: Path | None = Field(default=None, description="one sequence's frames, instead of a whole dataset")
+    truth: Path | None = Field(default=None, description="the ground truth of `frames`")
+    sequences: tuple[str, ...] | None = Field(default=None, description="only these")
+    workers: int = Field(default=1, ge=1)
+    rerun: str | None = Field(default=None, description="compute this stage and all after it anew")
+
+
+class Event(Schema):
+    """One piece of news of one task, or of the whole run where `sequence` is empty."""
+
+    kind: Literal["refused", "planned", "started", "progress", "warning", "finished", "failed"]
+    sequence: str = ""
+    task: str = ""
+    artifact: str = ""
+    complete: bool = False
+    done: int = 0
+    total: int = 0
+    energy: float | None = None
+    seconds: float = 0.0
+    message: str = ""
+    bad_input: bool = False
+
+
+Report = Callable[[Event], None]
+
+
+def ignore(event: Event) -> None:
+    """A report that nobody reads."""
+
+
+def write_to_pipe(handle: int) -> Report:
+    """A report that writes JSON lines to a pipe.
+
+    One `os.write` below PIPE_BUF (4096 bytes) is atomic, so workers share the pipe without a lock that a
+    killed one could take with it. Where nobody listens any more the process ends.
+    """
+
+    def report(event: Event) -> None:
+        shortened = event.model_copy(update={"message": event.message[:MESSAGE_LIMIT]})
+        try:
+            os.write(handle, shortened.model_dump_json().encode() + b"\n")
+        except BrokenPipeError:
+            os._exit(1)
+
+    return report

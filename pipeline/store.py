@@ -1,0 +1,229 @@
+"""The artifact store: `workdir/<dataset>/<sequence>/<stage>-<key>/`, one directory an artifact.
+
+An artifact is written into a staging directory beside its place, `manifest.json` last, and moved there by
+one `os.rename`: whoever sees a manifest sees a whole artifact, and a process that is killed leaves at most
+a staging directory, which the next run sweeps. Reading checks everything against the manifest.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from pipeline.arrays import AnyArtifact, arrays_of, assemble, open_arrays, payload_of, read_array, write_arrays
+from pipeline.keys import canonical_json
+from schemas.artifact import Artifact
+from schemas.manifest import ArrayEntry, Manifest, Provenance
+
+MANIFEST = "manifest.json"
+ARRAYS = "arrays.zarr"
+STAGING = ".staging-"
+REPLACED = ".replaced-"
+
+
+class CorruptArtifactError(Exception):
+    """A stored artifact is not what was written. The message is one line: where, what, and what to do."""
+
+    def __init__(self, directory: Path, what: str) -> None:
+        self.what = what
+        super().__init__(
+            f"{directory}: {what}; the artifact is not used: remove this folder and give the same command again, "
+            "or compute it anew with `reart rerun`"
+        )
+
+
+def completed_at(directory: Path) -> int | None:
+    """When the artifact was completed, in nanoseconds; None where it is not complete. Costs one stat."""
+    try:
+        return os.stat(directory / MANIFEST).st_mtime_ns
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def publish(
+    directory: Path,
+    artifact: Artifact,
+    provenance: Provenance,
+    files: Mapping[str, bytes] | None = None,
+    replaces: int | None = None,
+) -> None:
+    """Write an artifact, with further `files` beside its arrays, and move it to `directory`.
+
+    Where another process has completed it meanwhile, theirs is kept: the same key means the same content.
+    Only an artifact completed at the time `replaces` gives way, and is not touched before that moment.
+    """
+    with _staging(directory) as staged:
+        entries = write_arrays(staged / ARRAYS, arrays_of(artifact))
+        for name, bytes_ in (files or {}).items():
+            (staged / name).write_bytes(bytes_)
+        content = {
+            **provenance.model_dump(mode="json"),
+            "schema_version": 1,
+            "arrays": [entry.model_dump(mode="json") for entry in entries],
+            "payload": payload_of(artifact),
+            "files": file_digests(staged),
+        }
+        manifest = Manifest.model_validate(content | {"digest": _content_digest(content)})
+        (staged / MANIFEST).write_text(json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")
+        _sync(staged / MANIFEST)  # what a power cut tears elsewhere is found on reading
+        _move_into_place(staged, directory, replaces)
+
+
+def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
+    """Read and check an artifact. Raises CorruptArtifactError for anything that is not as it was written."""
+    manifest = read_manifest(directory)
+    if problem := next(file_problems(directory, manifest), None):
+        raise CorruptArtifactError(directory, problem)
+    arrays = {entry.name: read_entry(directory, entry) for entry in manifest.arrays}
+    try:
+        return assemble(schema, manifest.payload, arrays)
+    except (ValidationError, KeyError) as error:
+        raise CorruptArtifactError(directory, f"not a {schema.__name__}: {' '.join(str(error).split())}") from error
+
+
+def read_manifest(directory: Path) -> Manifest:
+    """Read and check a manifest. Raises CorruptArtifactError."""
+    try:
+        content = json.loads((directory / MANIFEST).read_bytes())
+        manifest = Manifest.model_validate(content)
+    except OSError as error:
+        raise CorruptArtifactError(directory, f"{MANIFEST}: {error.strerror}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, first["loc"]))
+        raise CorruptArtifactError(directory, f"{MANIFEST}: field {field or '(all)'}: {first['msg']}") from error
+    except ValueError as error:
+        raise CorruptArtifactError(directory, f"{MANIFEST}: not readable as JSON ({error})") from error
+    if content.pop("digest") != _content_digest(content):
+        raise CorruptArtifactError(directory, f"{MANIFEST}: its content was changed (its digest differs)")
+    if directory.name != f"{manifest.stage}-{manifest.key}":
+        raise CorruptArtifactError(directory, f"{MANIFEST}: belongs to {manifest.stage}-{manifest.key}")
+    return manifest
+
+
+def read_entry(directory: Path, entry: ArrayEntry) -> np.ndarray:
+    """One array of an artifact, checked against the array table. Raises CorruptArtifactError."""
+    try:
+        return read_array(open_arrays(directory / ARRAYS), entry)
+    except Exception as error:  # zarr and its codecs raise whatever a broken file makes them stumble over
+        what = " ".join(f"{error}".split()) or type(error).__name__
+        raise CorruptArtifactError(directory, f"{ARRAYS}/{entry.name}: {what}") from error
+
+
+def file_problems(directory: Path, manifest: Manifest) -> Iterator[str]:
+    """What is wrong with the files of an artifact, one line a file."""
+    found = file_digests(directory)
+    for name in sorted(found.keys() | manifest.files.keys()):
+        if name not in found:
+            yield f"{name}: missing"
+        elif name not in manifest.files:
+            yield f"{name}: not part of what was written"
+        elif found[name] != manifest.files[name]:
+            yield f"{name}: its bytes were changed (its digest differs)"
+
+
+def file_digests(directory: Path) -> dict[str, str]:
+    """SHA-256 of every file but the manifest, by its path inside the directory."""
+    return {
+        path.relative_to(directory).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in _files(directory)
+    }
+
+
+def sweep(workdir: Path) -> None:
+    """Remove what killed processes left; put back what one of them had moved aside without replacing it.
+
+    A staging directory is locked by its writer for as long as that lives, so other runs' are left alone.
+    """
+    for staged in workdir.glob(f"*/*/{STAGING}*"):
+        with contextlib.suppress(OSError), _opened(staged) as handle:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(staged)
+    for aside in workdir.glob(f"*/*/{REPLACED}*"):
+        directory = aside.with_name(aside.name.removeprefix(REPLACED).rpartition("-")[0])
+        with contextlib.suppress(OSError):
+            if completed_at(directory) is None:
+                os.rename(aside, directory)
+            else:
+                shutil.rmtree(aside)
+
+
+@contextlib.contextmanager
+def _staging(directory: Path) -> Iterator[Path]:
+    """A fresh directory beside `directory`, locked against sweepers, gone at the end."""
+    directory.parent.mkdir(parents=True, exist_ok=True)
+    staged, handle = _locked_directory(directory)
+    try:
+        yield staged
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
+        os.close(handle)
+
+
+def _locked_directory(directory: Path) -> tuple[Path, int]:
+    while True:
+        staged = _beside(directory, STAGING)
+        staged.mkdir()
+        try:
+            handle = os.open(staged, os.O_RDONLY)
+        except FileNotFoundError:
+            continue  # a sweeper was faster
+        with contextlib.suppress(OSError):  # a file system without locks: there nobody sweeps either
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if staged.exists():
+            return staged, handle
+        os.close(handle)
+
+
+def _move_into_place(staged: Path, directory: Path, replaces: int | None) -> None:
+    while True:
+        try:
+            os.rename(staged, directory)
+            break
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        if completed_at(directory) not in (None, replaces):
+            return
+        aside = _beside(directory, REPLACED)
+        os.rename(directory, aside)
+    _sync(directory.parent)
+    for old in directory.parent.glob(f"{REPLACED}{directory.name}-*"):
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _beside(directory: Path, prefix: str) -> Path:
+    return directory.with_name(f"{prefix}{directory.name}-{uuid.uuid4().hex[:8]}")
+
+
+def _files(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / MANIFEST)
+
+
+def _content_digest(content: Mapping[str, object]) -> str:
+    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _sync(path: Path) -> None:
+    with _opened(path) as handle:
+        os.fsync(handle)

@@ -1,0 +1,239 @@
+"""The base of all tasks: one stage of one sequence, from the artifacts that it reads to the one it writes."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+import platform
+import time
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from pipeline import store
+from pipeline.isolated_luigi import luigi
+from pipeline.keys import artifact_key, canonical_json
+from pipeline.logs import captured
+from pipeline.plugins import own_code
+from pipeline.processes import die_with_forking_parent
+from pipeline.protocol import Event, Report, ignore
+from schemas.artifact import Artifact
+from schemas.config import PipelineConfig
+from schemas.errors import InputError
+from schemas.manifest import Failure, Provenance
+from stages.ingest.sources import Source
+from stages.progress import Progress
+
+PROGRESS_INTERVAL = 0.2  # seconds
+PACKAGES = ("rearticulate", "numpy", "scipy", "torch", "open3d-cpu", "open3d", "networkx", "pykdtree", "zarr", "luigi")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One sequence to be processed: what all its tasks share."""
+
+    dataset: str
+    source: Source
+    source_digest: str
+    config: PipelineConfig
+    workdir: Path
+    report: Report = ignore
+    replaces: dict[Path, int] = field(default_factory=dict)  # what a rerun makes anew: when it was completed
+
+    @property
+    def folder(self) -> Path:
+        return self.workdir / self.dataset / self.source.name
+
+
+class JobParameter(luigi.Parameter[Job]):
+    """Hands the job from task to task. It is no part of a task's identity: the key says it all."""
+
+    def __init__(self) -> None:
+        super().__init__(significant=False, visibility=luigi.parameter.ParameterVisibility.PRIVATE)
+
+
+class StageTask(luigi.Task):
+    """One stage of one sequence. A subclass states `stage`, `version`, `schema`, `requires` and `compute`.
+
+    `version` is raised whenever the stage's code gives other results: what was made before is then made anew.
+    """
+
+    stage: ClassVar[str]
+    version: ClassVar[int]
+    schema: ClassVar[type[Artifact]]
+
+    job = JobParameter()
+
+    def requires(self) -> dict[str, StageTask]:
+        """The tasks whose artifacts this one reads, by the names that `compute` knows them by."""
+        return {}
+
+    def compute(self, inputs: Mapping[str, Any], rng: np.random.Generator, progress: Progress) -> Artifact:
+        """The stage itself: its output from what `requires` names."""
+        raise NotImplementedError
+
+    def parameters(self) -> dict[str, Any]:
+        """What tells this task from others of the same stage and sequence."""
+        return {}
+
+    def files(self, output: Any) -> dict[str, bytes]:
+        """Files to be kept beside the arrays, for other programs."""
+        return {}
+
+    def function(self) -> str:
+        """The setting that may name a user's own function, `package.module:function`."""
+        return ""
+
+    def upstream_keys(self) -> dict[str, str]:
+        """The keys of what this task reads; the digest of a user's own function, which has no version, is one."""
+        return {name: task.key for name, task in self.requires().items()} | own_code(self.function())
+
+    @cached_property
+    def key(self) -> str:
+        settings = getattr(self.job.config, self.stage, None)
+        return artifact_key(
+            stage=self.stage,
+            version=self.version,
+            config=settings.model_dump(mode="json") if settings else {},
+            parameters=self.parameters(),
+            upstream=self.upstream_keys(),
+            seed=self.job.config.seed,
+        )
+
+    @property
+    def label(self) -> str:
+        values = ", ".join(map(str, self.parameters().values()))
+        return f"{self.stage}[{values}]" if values else self.stage
+
+    @property
+    def directory(self) -> Path:
+        return self.job.folder / f"{self.stage}-{self.key}"
+
+    @property
+    def log_path(self) -> Path:
+        return self.directory.with_name(f"{self.directory.name}.log")
+
+    @property
+    def failure_path(self) -> Path:
+        return self.directory.with_name(f"{self.directory.name}.failed.json")
+
+    def to_str_params(self, only_significant: bool = False, only_public: bool = False) -> dict[str, str]:
+        """What Luigi tells tasks apart by; it must hold the key, or tasks of two configurations are one."""
+        parameters = super().to_str_params(only_significant, only_public)
+        return parameters | {"dataset": self.job.dataset, "sequence": self.job.source.name, "key": self.key}
+
+    def complete(self) -> bool:
+        """Whether the artifact is there, and is not one that a rerun replaces. Costs one stat."""
+        return store.completed_at(self.directory) not in (None, self.job.replaces.get(self.directory))
+
+    def read(self) -> Artifact:
+        """The artifact, checked. Raises CorruptArtifactError."""
+        return store.read(self.directory, self.schema)
+
+    def run(self) -> None:
+        """Read, compute and publish, in a worker process of its own; say how it went."""
+        die_with_forking_parent()
+        start = time.perf_counter()
+        self.failure_path.unlink(missing_ok=True)
+        self.tell("started")
+        with captured(self.log_path, lambda message: self.tell("warning", message=message)):
+            try:
+                self._make()
+            except (Exception, SystemExit) as error:
+                logging.exception("%s of %s failed", self.label, self.job.source.name)
+                self.fail(type(error).__name__, _one_line(error), isinstance(error, InputError))
+                raise
+        self.tell("finished", seconds=time.perf_counter() - start)
+
+    def fail(self, error: str, message: str, bad_input: bool = False) -> None:
+        """Record and report that this attempt failed."""
+        failure = Failure(
+            stage=self.stage,
+            key=self.key,
+            error=error,
+            message=message,
+            bad_input=bad_input,
+            time=datetime.now(UTC),
+            log=self.log_path.name,
+        )
+        self.failure_path.parent.mkdir(parents=True, exist_ok=True)
+        self.failure_path.write_text(failure.model_dump_json(indent=1) + "\n")
+        self.tell("failed", message=message, bad_input=bad_input)
+
+    def tell(self, kind: str, **news: Any) -> None:
+        """Report an event of this task."""
+        identity = {"sequence": self.job.source.name, "task": self.label, "artifact": self.directory.name}
+        self.job.report(Event.model_validate({"kind": kind, **identity, **news}))
+
+    def _make(self) -> None:
+        start = time.perf_counter()
+        inputs = {name: task.read() for name, task in self.requires().items()}
+        read = time.perf_counter()
+        output = self.compute(inputs, self._generator(), self._progress())
+        computed = time.perf_counter()
+        config = self.job.config
+        provenance = Provenance(
+            stage=self.stage,
+            version=self.version,
+            dataset=self.job.dataset,
+            sequence=self.job.source.name,
+            key=self.key,
+            parameters=self.parameters(),
+            config=config.model_dump(mode="json"),
+            upstream=self.upstream_keys(),
+            seed=config.seed,
+            created=datetime.now(UTC),
+            seconds={"read": read - start, "compute": computed - read},
+            packages=_package_versions(),
+        )
+        store.publish(
+            self.directory, output, provenance, self.files(output), replaces=self.job.replaces.get(self.directory)
+        )
+
+    def _generator(self) -> np.random.Generator:
+        """A generator of this task's own, so that neither the workers' number nor their order matters."""
+        identity = zlib.crc32(canonical_json([self.stage, self.parameters()]).encode())
+        return np.random.default_rng([self.job.config.seed, identity])
+
+    def _progress(self) -> Progress:
+        last = 0.0
+
+        def progress(done: int, total: int, energy: float | None = None) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last >= PROGRESS_INTERVAL:
+                last = now
+                self.tell("progress", done=done, total=total, energy=energy)
+
+        return progress
+
+
+def upstream_first(tasks: Iterable[StageTask]) -> list[StageTask]:
+    """The tasks and all that they need, each once, after what it needs itself."""
+    ordered: dict[StageTask, None] = {}
+    for task in tasks:
+        for needed in upstream_first(task.requires().values()):
+            ordered.setdefault(needed)
+        ordered.setdefault(task)
+    return list(ordered)
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, InputError | store.CorruptArtifactError) else f"{type(error).__name__}: {text}"
+
+
+def _package_versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return versions

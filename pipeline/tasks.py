@@ -1,0 +1,186 @@
+"""The tasks, in the order in which data flows. Stages are imported where they run, in a worker process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pipeline.isolated_luigi import luigi
+from pipeline.task import Job, StageTask
+from schemas.flow import Flow
+from schemas.kinematic import CanonicalChoice, KinematicModel
+from schemas.metrics import Metrics
+from schemas.model_file import Result
+from schemas.relaxed import RelaxedModel
+from schemas.sequence import IngestedSequence
+from stages.progress import Progress
+
+Inputs = Mapping[str, Any]
+
+
+class IngestTask(StageTask):
+    stage, version, schema = "ingest", 1, IngestedSequence
+
+    def upstream_keys(self) -> dict[str, str]:
+        return {"source": self.job.source_digest}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> IngestedSequence:
+        from stages.ingest import ingest
+
+        return ingest(self.job.source, self.job.config.ingest, rng, progress)
+
+
+class FlowTask(StageTask):
+    stage, version, schema = "flow", 1, Flow
+
+    def requires(self) -> dict[str, StageTask]:
+        return {"ingest": IngestTask(job=self.job)}
+
+    def function(self) -> str:
+        return self.job.config.flow.estimator
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Flow:
+        from stages.flow import estimate_flow
+
+        return estimate_flow(inputs["ingest"].sequence, self.job.config.flow, rng, progress)
+
+
+class CandidateTask(StageTask):
+    """A stage that runs once for each candidate canonical frame.
+
+    Which frame a candidate is depends on the sequence's length, which is known only after ingest; its
+    place among the candidates is known before, so that keys are too.
+    """
+
+    candidate = luigi.IntParameter()
+
+    def parameters(self) -> dict[str, Any]:
+        frames = self.job.config.canonical_frame.frames
+        return {"frame": frames[self.candidate]} if frames else {"candidate": self.candidate}
+
+
+class RelaxedFitTask(CandidateTask):
+    stage, version, schema = "relaxed_fit", 1, RelaxedModel
+
+    def requires(self) -> dict[str, StageTask]:
+        return {"ingest": IngestTask(job=self.job), "flow": FlowTask(job=self.job)}
+
+    def function(self) -> str:
+        return self.job.config.relaxed_fit.solver
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> RelaxedModel:
+        from stages.canonical_frame import candidate_frames
+        from stages.relaxed_fit import fit_relaxed
+
+        config, sequence = self.job.config, inputs["ingest"].sequence
+        frame = candidate_frames(sequence.frame_count, config.canonical_frame)[self.candidate]
+        return fit_relaxed(sequence, inputs["flow"], frame, config.relaxed_fit, rng, progress)
+
+
+class ProjectionTask(CandidateTask):
+    stage, version, schema = "projection", 1, KinematicModel
+
+    def requires(self) -> dict[str, StageTask]:
+        relaxed = RelaxedFitTask(job=self.job, candidate=self.candidate)
+        return {"ingest": IngestTask(job=self.job), "relaxed_fit": relaxed}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
+        from stages.projection import project
+
+        return project(inputs["relaxed_fit"], inputs["ingest"].sequence, self.job.config.projection)
+
+
+class MergingTask(CandidateTask):
+    stage, version, schema = "merging", 1, KinematicModel
+
+    def requires(self) -> dict[str, StageTask]:
+        projection = ProjectionTask(job=self.job, candidate=self.candidate)
+        return {"ingest": IngestTask(job=self.job), "projection": projection}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
+        from stages.merging import merge
+
+        config = self.job.config  # the settings of projection are in the key of what is read
+        return merge(inputs["projection"], inputs["ingest"].sequence, config.merging, config.projection)
+
+
+class CanonicalFrameTask(StageTask):
+    stage, version, schema = "canonical_frame", 1, CanonicalChoice
+
+    def requires(self) -> dict[str, StageTask]:
+        config = self.job.config.canonical_frame
+        tasks = [MergingTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
+        return {task.label: task for task in tasks}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> CanonicalChoice:
+        from stages.canonical_frame import choose
+
+        return choose(list(inputs.values()))
+
+
+class FinalFitTask(StageTask):
+    stage, version, schema = "final_fit", 1, KinematicModel
+
+    def requires(self) -> dict[str, StageTask]:
+        job = self.job
+        return {
+            "ingest": IngestTask(job=job),
+            "flow": FlowTask(job=job),
+            "canonical_frame": CanonicalFrameTask(job=job),
+        }
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
+        from stages.final_fit import fit_final
+
+        model, sequence = inputs["canonical_frame"].model, inputs["ingest"].sequence
+        return fit_final(model, sequence, inputs["flow"], self.job.config.final_fit, rng, progress)
+
+
+class ResultTask(StageTask):
+    stage, version, schema = "result", 1, Result
+
+    def requires(self) -> dict[str, StageTask]:
+        return {"ingest": IngestTask(job=self.job), "final_fit": FinalFitTask(job=self.job)}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Result:
+        from stages.result import to_result
+
+        return to_result(inputs["final_fit"], inputs["ingest"].sequence)
+
+    def files(self, output: Result) -> dict[str, bytes]:
+        from stages.result import result_files
+
+        return result_files(output)
+
+
+class EvaluationTask(StageTask):
+    stage, version, schema = "evaluation", 1, Metrics
+
+    def requires(self) -> dict[str, StageTask]:
+        return {"ingest": IngestTask(job=self.job), "final_fit": FinalFitTask(job=self.job)}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Metrics:
+        from stages.evaluation import evaluate
+
+        return evaluate(inputs["final_fit"], inputs["ingest"], self.job.config.evaluation, rng)
+
+
+TASKS: tuple[type[StageTask], ...] = (
+    IngestTask,
+    FlowTask,
+    RelaxedFitTask,
+    ProjectionTask,
+    MergingTask,
+    CanonicalFrameTask,
+    FinalFitTask,
+    ResultTask,
+    EvaluationTask,
+)
+STAGES = tuple(task.stage for task in TASKS)
+
+
+def final_tasks(job: Job) -> list[StageTask]:
+    """What a sequence ends in."""
+    return [ResultTask(job=job), EvaluationTask(job=job)]

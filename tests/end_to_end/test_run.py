@@ -1,0 +1,138 @@
+"""`reart run`, `status`, `inspect` and `rerun` on a tiny data set."""
+
+import json
+import shutil
+
+import pytest
+
+RUN = ("run", "--dataset", "scans", "--data", "data")
+STATUS = ("status", "--dataset", "scans", "--data", "data")
+STAGES = [
+    "ingest",
+    "flow",
+    "relaxed_fit",
+    "projection",
+    "merging",
+    "canonical_frame",
+    "final_fit",
+    "result",
+    "evaluation",
+]
+
+
+def stage(name):
+    return name.split("/")[1].split("-")[0]
+
+
+def artifact(place, name):
+    return next(path for path in (place.workdir / "scans" / "box").glob(f"{name}-*") if path.is_dir())
+
+
+def test_a_sound_sequence_is_finished_though_another_is_bad_input(finished):
+    assert finished.outcome.returncode == 2
+    done = finished.manifests()
+    assert {name.split("/")[0] for name in done} == {"box"}
+    assert {stage(name) for name in done} == set(STAGES)
+    [error] = finished.outcome.stderr.splitlines()
+    assert error.startswith("error: flat ingest: data/flat/frame_1.npy")
+    assert ".log)" in error
+
+
+def test_a_run_ends_with_the_metrics_of_what_was_finished(finished):
+    table = finished.outcome.stdout.split("sequence")[-1]
+    assert "box" in table
+    assert "flat" not in table
+    metrics = next(manifest["payload"] for name, manifest in finished.manifests().items() if "evaluation" in name)
+    assert f"{metrics['parts_found']}/2" in table
+    assert f"{metrics['ari']:.3f}" in table
+
+
+def test_nothing_is_left_over_but_artifacts_logs_and_failures(finished):
+    assert finished.hidden() == []
+    for path in (finished.workdir / "scans").glob("*/*"):
+        assert (path / "manifest.json").exists() or path.suffix == ".log" or path.name.endswith(".failed.json")
+
+
+def test_status_tells_done_and_failed_and_why(finished):
+    tasks = json.loads(finished.reart(*STATUS, "--json").stdout)
+    states = {(task["sequence"], task["task"]): task for task in tasks}
+    assert {task["state"] for task in tasks if task["sequence"] == "box"} == {"done"}
+    assert states["flat", "ingest"]["state"] == "failed"
+    assert "frame_1.npy" in states["flat", "ingest"]["message"]
+    assert states["flat", "flow"]["state"] == "missing"
+    table = finished.reart(*STATUS).stdout
+    assert "failed" in table
+    assert "frame_1.npy" in table
+
+
+def test_a_final_fit_setting_reruns_only_the_final_fit_and_what_follows(copy):
+    before = copy.times()
+    outcome = copy.reart(*RUN, "--sequences", "box", "--set", "final_fit.learning_rate=0.02")
+    assert outcome.returncode == 0
+    after = copy.times()
+    assert before.items() <= after.items()  # side by side
+    assert sorted(stage(name) for name in after.keys() - before.keys()) == ["evaluation", "final_fit", "result"]
+    tasks = json.loads(copy.reart(*STATUS, "--json").stdout)
+    assert {task["state"] for task in tasks if task["sequence"] == "box"} == {"done"}
+
+
+def test_a_rerun_computes_a_stage_and_all_after_it_anew(copy):
+    before, contents = copy.times(), copy.contents()
+    outcome = copy.reart("rerun", "final_fit", "--dataset", "scans", "--data", "data", "--sequence", "box")
+    assert outcome.returncode == 0
+    after = copy.times()
+    assert {stage(name) for name in before if before[name] != after[name]} == {"final_fit", "result", "evaluation"}
+    assert copy.contents() == contents
+    assert copy.hidden() == []
+
+
+def test_a_flipped_byte_upstream_is_reported_and_not_used(copy):
+    shutil.rmtree(artifact(copy, "result"))
+    final = artifact(copy, "final_fit")
+    chunk = final / "arrays.zarr" / "axis" / "c" / "0" / "0"
+    data = bytearray(chunk.read_bytes())
+    data[len(data) // 2] ^= 1
+    chunk.write_bytes(data)
+    outcome = copy.reart(*RUN, "--sequences", "box")
+    assert outcome.returncode == 1
+    [error] = outcome.stderr.splitlines()
+    assert error.startswith("error: box result:")
+    assert final.name in error
+    inspected = copy.reart("inspect", final)
+    assert inspected.returncode == 1
+    assert "corrupt: arrays.zarr/axis" in inspected.stdout
+
+
+def test_a_deleted_artifact_is_made_again_though_what_follows_is_complete(copy):
+    contents = copy.contents()
+    shutil.rmtree(artifact(copy, "ingest"))
+    assert copy.reart(*RUN, "--sequences", "box").returncode == 0
+    assert copy.contents() == contents
+
+
+def test_inspect_shows_arrays_and_energies(finished):
+    final = artifact(finished, "final_fit")
+    shown = finished.reart("inspect", final)
+    assert shown.returncode == 0
+    for word in ("Ts_frame_canonical", "float64", "3 frames", "E_recons", "canonical_frame"):
+        assert word in shown.stdout
+    report = json.loads(finished.reart("inspect", final, "--json").stdout)
+    assert report["problems"] == []
+    assert report["manifest"]["config"]["final_fit"]["iterations"] == 4
+    assert report["energies"]["E_recons"] > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ((*RUN, "--sequences", "box,lmap"), "lmap"),
+        (("rerun", "fit", "--dataset", "scans", "--data", "data", "--sequence", "box"), "'fit'"),
+        (("run", "--dataset", "scans", "--data", "nowhere"), "nowhere"),
+    ],
+)
+def test_a_request_that_cannot_be_met_is_one_line_and_exit_code_2(finished, words, complaint):
+    outcome = finished.reart(*words)
+    assert outcome.returncode == 2
+    [error] = outcome.stderr.splitlines()
+    assert error.startswith("error: ")
+    assert complaint in error

@@ -1,0 +1,86 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.cli.tables import metrics_table, model_table
+
+DATA = ("--dataset", "scans", "--data", "data")
+
+
+@pytest.fixture
+def reart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data" / "box").mkdir(parents=True)
+    for t in range(2):
+        np.save(tmp_path / "data" / "box" / f"{t}.npy", np.random.default_rng(t).normal(size=(40, 3)))
+    (tmp_path / "file").write_text("")
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("fit", "data/box", "--out", "file"), "--out file: found a file"),
+        (("fit", "data/box", "--out", "file/below"), "--out file/below"),
+        (("fit", "data/box", "--out", "/proc/nothing"), "--out /proc/nothing"),
+        (("fit", "data/box", "--out", "out", "--units", "inch"), "ingest.units"),
+        (("fit", "data/box", "--out", "out", "--set", "final_fit.iteration=1"), "final_fit.iterations"),
+        (("fit", "data/box", "--out", "out", "--preset", "papre"), "papre"),
+        (("run", "--dataset", "robart"), "roboart, sapien, scans"),
+        (("run", *DATA, "--workdir", "file"), "--workdir file"),
+        (("rerun", "flow", *DATA, "--sequence", "box", "--set", "flow"), "stage.field=value"),
+        (("status", "--dataset", "scans"), "ingest.source"),
+        (("status", "--dataset", "scans", "--data", "nowhere"), "nowhere"),
+        (("inspect", "data/box"), "manifest.json"),
+        (("inspect", "nowhere"), "nowhere"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_exit_code_2_before_anything_is_computed(reart, tmp_path, words, complaint):
+    result = reart(*words)
+    assert result.exit_code == 2
+    [error] = result.stderr.splitlines()
+    assert error.startswith("error: ")
+    assert complaint in error
+    assert not list(tmp_path.glob("**/manifest.json"))
+
+
+def test_status_of_what_was_never_run_is_missing_everywhere(reart):
+    result = reart("status", *DATA)
+    assert result.exit_code == 0
+    assert "box" in result.stdout
+    assert result.stdout.count("missing") == 9
+
+
+@pytest.mark.parametrize("command", ["fit", "run", "status", "inspect", "rerun"])
+def test_every_command_explains_itself_with_an_example(reart, command):
+    result = reart(command, "--help")
+    assert result.exit_code == 0
+    assert f"reart {command}" in result.stdout.split("Example")[1]
+
+
+def test_the_command_line_starts_without_the_heavy_libraries():
+    program = "import sys, pipeline.cli; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert not {"torch", "open3d", "zarr", "luigi", "scipy", "matplotlib"} & set(done.stdout.split())
+
+
+def cells(table, row):
+    return {str(column.header): list(column.cells)[row] for column in table.columns}
+
+
+def test_metrics_are_in_centimetres_where_the_unit_is_known_and_else_in_percent(samples):
+    known = samples["metrics"].replace(parts_true=4, recon=0.005, recon_percent=0.3)
+    unknown = known.replace(units="unknown")
+    table = metrics_table({"a": known, "b": unknown, "c": samples["metrics"]}, {"a": 1.0, "b": 2.0, "c": 61.4})
+    assert (cells(table, 0)["recon"], cells(table, 0)["parts"]) == ("0.500 cm", "3/4")
+    assert cells(table, 1)["recon"] == "0.300 %"
+    assert (cells(table, 2)["recon"], cells(table, 2)["parts"], cells(table, 2)["seconds"]) == ("-", "3", "61")
+
+
+def test_joints_are_shown_with_their_parts_and_range(samples):
+    row = cells(model_table(samples["result"].model), 0)
+    assert (row["parent"], row["child"], row["type"], row["range"]) == ("part_0", "part_1", "spherical", "0 .. 0.5 rad")

@@ -1,0 +1,51 @@
+import pytest
+
+from pipeline.plugins import _resolve, own_code
+from pipeline.presets import load_config
+
+
+class Answers(list):
+    """Stands in for the pipe that the child answers through."""
+
+    send = list.append
+
+
+@pytest.fixture
+def ask(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text("def solve():\n    pass\n\nnumber = 3\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def answer(setting):
+        answers = Answers()
+        _resolve(load_config([], [setting]), answers)
+        [problem] = answers
+        return problem
+
+    return answer
+
+
+def test_our_own_and_the_users_functions_are_found(ask):
+    assert ask("flow.estimator=geometric") is None
+    assert ask("relaxed_fit.solver=mine:solve") is None
+
+
+@pytest.mark.parametrize("name", ["geometrik", "mine:nothing", "nowhere:solve", "mine:number"])
+def test_what_cannot_be_used_is_told_by_its_setting(ask, name):
+    for setting in ("flow.estimator", "relaxed_fit.solver"):
+        problem = ask(f"{setting}={name}")
+        assert problem.startswith(f"{setting}: ")
+        assert name in problem
+
+
+def test_the_digest_of_ones_own_code_follows_its_file_and_runs_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "package").mkdir()
+    for name in ("package/__init__.py", "package/mine.py", "single.py"):
+        (tmp_path / name).write_text("raise SystemError('imported')")
+    before = [own_code(name) for name in ("package.mine:solve", "single:solve", "package:solve")]
+    assert [list(digest) for digest in before] == [["package.mine:solve"], ["single:solve"], ["package:solve"]]
+    (tmp_path / "package" / "mine.py").write_text("changed")
+    after = [own_code(name) for name in ("package.mine:solve", "single:solve", "package:solve")]
+    assert before[0] != after[0]
+    assert before[1:] == after[1:]
+    assert [own_code(name) for name in ("geometric", "nowhere:solve", "sys:path", "single.deeper:solve")] == [{}] * 4

@@ -1,0 +1,120 @@
+import pytest
+
+from pipeline.presets import DATASETS, load_config, preset_names
+from schemas.config import PipelineConfig
+from schemas.errors import InputError
+
+
+def refusal(presets, overrides=()):
+    with pytest.raises(InputError) as caught:
+        load_config(presets, overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_nothing_given_means_the_defaults():
+    assert load_config([]) == PipelineConfig()
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_is_valid_and_changes_something(name):
+    assert load_config([name]) != PipelineConfig() or name in ("sapien", "scans")
+
+
+def test_every_data_set_has_a_preset():
+    assert set(DATASETS) <= set(preset_names())
+
+
+def test_roboart_is_built_in_metres_and_scans_have_no_known_unit():
+    assert (load_config(["roboart"]).ingest.source, load_config(["roboart"]).ingest.units) == ("roboart", "metre")
+    assert (load_config(["scans"]).ingest.source, load_config(["scans"]).ingest.units) == ("files", "unknown")
+
+
+def test_paper_adds_the_published_settings_to_a_data_set():
+    config = load_config(["roboart", "paper"])
+    assert config.ingest.source == "roboart"
+    assert (config.relaxed_fit.gumbel.iterations, config.relaxed_fit.gumbel.start) == (15000, "identity")
+    assert (config.relaxed_fit.energy.lambda_emd, config.relaxed_fit.energy.emd_every) == (0.3, 5)
+    assert (config.final_fit.iterations, config.final_fit.energy.emd_downsampling) == (200, 2)
+
+
+def test_overrides_come_after_presets_and_the_last_one_wins():
+    config = load_config(["paper"], ["relaxed_fit.gumbel.iterations=1", "relaxed_fit.gumbel.iterations = 7"])
+    assert config.relaxed_fit.gumbel.iterations == 7
+    assert config.relaxed_fit.gumbel.points == load_config(["paper"]).relaxed_fit.gumbel.points
+
+
+@pytest.mark.parametrize(
+    ("override", "read"),
+    [
+        ("seed=3", lambda c: c.seed == 3),
+        ("merging.threshold=1e-3", lambda c: c.merging.threshold == 0.001),
+        ("flow.estimator=mine.flow:estimate", lambda c: c.flow.estimator == "mine.flow:estimate"),
+        ('flow.estimator="geometric"', lambda c: c.flow.estimator == "geometric"),
+        ("canonical_frame.frames=[3, 7]", lambda c: c.canonical_frame.frames == (3, 7)),
+        ("relaxed_fit.energy.lambda_cd=2", lambda c: c.relaxed_fit.energy.lambda_cd == 2.0),
+        ("flow={estimator='a.b:c'}", lambda c: c.flow.estimator == "a.b:c"),
+    ],
+)
+def test_override_values_are_toml_or_plain_text(override, read):
+    assert read(load_config([], [override]))
+
+
+@pytest.mark.parametrize(
+    ("override", "suggestion"),
+    [
+        ("final_fit.iteration=3", "final_fit.iterations"),
+        ("gumbel.iterations=3", "relaxed_fit.gumbel.iterations"),
+        ("finalfit.points=3", "final_fit.points"),
+        ("nonsense.q=3", "the sections are"),
+    ],
+)
+def test_an_unknown_setting_is_refused_with_the_nearest_known(override, suggestion):
+    message = refusal([], [override])
+    assert override.split("=")[0] in message
+    assert suggestion in message
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "seed=x",
+        "seed=-1",
+        "seed=1.5",
+        "flow=3",
+        "seed.a=3",
+        "final_fit.learning_rate=0",
+        "final_fit.learning_rate=inf",
+        "merging.threshold=nan",
+        "ingest.units=meter",
+        "relaxed_fit.gumbel=5",
+        "flow.geometric.stiffness=[1, nan]",
+    ],
+)
+def test_a_bad_value_is_refused_and_its_setting_named(override):
+    assert override.split("=")[0].split(".")[0] in refusal([], [override])
+
+
+@pytest.mark.parametrize("override", ["nothing", "=3", ""])
+def test_an_override_without_name_or_value_is_refused(override):
+    assert "expected stage.field=value" in refusal([], [override])
+
+
+def test_a_value_cannot_smuggle_in_a_second_setting():
+    assert "seed" in refusal([], ["seed=1\nflow.estimator='x'"])
+
+
+def test_an_unknown_preset_is_refused_with_the_known_ones():
+    assert "roboart" in refusal(["robart"])
+
+
+def test_a_preset_may_be_a_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[final_fit]\niterations = 9\n")
+    assert load_config(["scans", str(path)]).final_fit.iterations == 9
+    path.write_text("[final_fit]\niteration = 9\n")
+    assert "final_fit.iterations" in refusal([str(path)])
+    path.write_text("[final_fit\n")
+    assert "not TOML" in refusal([str(path)])
+    assert "cannot be read" in refusal([str(tmp_path / "none.toml")])

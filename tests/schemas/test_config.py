@@ -1,0 +1,40 @@
+import pytest
+from pydantic import ValidationError
+
+from schemas.config import PipelineConfig
+
+
+def test_the_configuration_survives_json():
+    config = PipelineConfig.model_validate({"seed": 4, "canonical_frame": {"frames": [1, 2]}})
+    assert PipelineConfig.model_validate_json(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize("section", PipelineConfig.model_fields)
+def test_unknown_keys_are_refused_in_every_section(section):
+    values = {"surprise": 1} if section == "seed" else {section: {"surprise": 1}}
+    with pytest.raises(ValidationError, match="surprise"):
+        PipelineConfig.model_validate(values)
+
+
+def test_a_configuration_cannot_be_changed():
+    with pytest.raises(ValidationError, match="frozen"):
+        PipelineConfig().flow.estimator = "other"
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"seed": -1},
+        {"ingest": {"units": "inch"}},
+        {"ingest": {"source": "web"}},
+        {"flow": {"geometric": {"nodes": 1}}},
+        {"relaxed_fit": {"gumbel": {"iterations": 0}}},
+        {"relaxed_fit": {"energy": {"lambda_cd": -1}}},
+        {"merging": {"threshold": -0.1}},
+        {"canonical_frame": {"candidates": 0}},
+        {"final_fit": {"learning_rate": 0}},
+    ],
+)
+def test_settings_out_of_range_are_refused(values):
+    with pytest.raises(ValidationError):
+        PipelineConfig.model_validate(values)
