@@ -79,9 +79,7 @@ def decide_joint_types(
     }
     types: list[LinkType] = [
         "prismatic" if slide < turn else "revolute"
-        for turn, slide in zip(
-            fits["revolute"].residual.tolist(), fits["prismatic"].residual.tolist(), strict=True
-        )
+        for turn, slide in zip(fits["revolute"].residual.tolist(), fits["prismatic"].residual.tolist(), strict=True)
     ]
     axis, point, states = model.axis.copy(), model.point.copy(), model.states.copy()
     for joint, kind in enumerate(types):
@@ -136,9 +134,7 @@ class ArticulatedMotion(nn.Module):
 
     def forward(self) -> Float64[Tensor, "frames parts 4 4"]:
         T_frame_root = se3.exp(self.root_twist * self.moving[:, None])
-        return forward_kinematics(
-            T_frame_root, self.joints, self.unit_axis(), self.point, self.states(), self.root
-        )
+        return forward_kinematics(T_frame_root, self.joints, self.unit_axis(), self.point, self.states(), self.root)
 
     @torch.no_grad()
     def to_model(self, model: KinematicModel, energies: dict[str, float]) -> KinematicModel:
