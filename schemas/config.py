@@ -17,6 +17,7 @@ from schemas.sequence import LengthUnit
 class RoboartConfig(Schema):
     """The RoboArt builder: how sequences are made from robot descriptions."""
 
+    sequences_per_robot: int = Field(default=1, ge=1, description="sequences of each robot, which move differently")
     frames: int = Field(default=10, ge=2)
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
     novel_states: int = Field(default=3, ge=0, description="unseen states for the reanimation metric")
@@ -26,6 +27,13 @@ class RoboartConfig(Schema):
     min_part_share: float = Field(
         default=0.013, ge=0, lt=1, description="links with a smaller share of the surface join their parent"
     )
+    noise_percent: float = Field(
+        default=0.0, ge=0, description="standard deviation of the noise on each coordinate, in % of the diagonal"
+    )
+    viewpoints: int = Field(
+        default=0, ge=0, description="sample only what is visible from so many viewpoints; 0 samples the whole surface"
+    )
+    free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
 
 
 class IngestConfig(Schema):

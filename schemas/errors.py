@@ -7,3 +7,7 @@ class InputError(Exception):
     The message is one line that names the file or field, what was found, what was expected and what to
     do. The command line prints it without a traceback and exits with code 2.
     """
+
+
+class UnavailableError(InputError):
+    """Input that this machine does not have, rather than wrong input; the message says how to get it."""

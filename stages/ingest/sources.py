@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -72,21 +73,32 @@ class FileSource:
 
 @dataclass(frozen=True)
 class RoboartSource:
-    """A sequence that the RoboArt builder makes from a robot's description."""
+    """A sequence that the RoboArt builder makes from a robot's description.
+
+    `variant` counts the sequences of one robot; `assets` is a folder of descriptions that is searched first.
+    """
 
     name: str
+    robot: str
+    variant: int = 0
+    assets: Path | None = None
 
     def digest(self) -> str:
-        """SHA-256 (hex) of the robot's description."""
+        """SHA-256 (hex) of the robot's description and the sequence's variant.
+
+        Raises UnavailableError, which tells how to get it, for a description that this machine lacks.
+        """
         from stages.ingest.roboart import robot_digest
 
-        return robot_digest(self.name)
+        return hashlib.sha256(f"{robot_digest(self.robot, self.assets)} {self.variant}".encode()).hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The robot's sampled frames as a normalised sequence, in metres, with full ground truth."""
         from stages.ingest.roboart import build_sequence
 
-        points, truth = build_sequence(self.name, config.roboart, rng)
+        # robots of one build would all move alike from one stream; a variant stays, however many there are
+        own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.robot.encode()), self.variant])
+        points, truth = build_sequence(self.robot, config.roboart, own_rng, self.assets)
         frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
         sequence = normalise(frames, config, "metre")
         return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, frames, sequence))
@@ -95,13 +107,13 @@ class RoboartSource:
 def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
     """The sequences of a configuration, by name in natural order.
 
-    Source "roboart" gives the builder's robots. Source "files" gives `data` itself where it is one sequence,
+    Source "roboart" gives every robot of the data set, whether this machine has its description or not, and
+    takes `data`, or else the environment's REART_ASSETS, as a folder of descriptions NAME/NAME.urdf that is
+    searched first. Source "files" gives `data` itself where it is one sequence,
     else its sub-folders and .npy or .npz files that are. Raises InputError where there are none.
     """
     if config.source == "roboart":
-        from stages.ingest.roboart import robot_names
-
-        return [RoboartSource(name) for name in robot_names()]
+        return _roboart_sources(config.roboart.sequences_per_robot, data)
     if data is None:
         raise InputError("ingest.source: found 'files' without a folder of sequences, expected one; say where it is")
     if not data.exists():
@@ -123,6 +135,25 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
                 f"expected one name each; rename this or {other.frames_path}"
             )
     return list(found)
+
+
+def _roboart_sources(per_robot: int, data: Path | None) -> list[Source]:
+    from stages.ingest.roboart import ASSETS_VARIABLE, robot_names
+
+    named = os.environ.get(ASSETS_VARIABLE)
+    assets = data if data is not None or not named else Path(named)
+    if assets is not None and not any((assets / robot / f"{robot}.urdf").is_file() for robot in robot_names()):
+        raise InputError(
+            f"{assets}: found no robot there, expected NAME/NAME.urdf for some of {', '.join(robot_names())}; "
+            f"check the path (--assets or {ASSETS_VARIABLE})"
+        )
+    if per_robot == 1:
+        return [RoboartSource(robot, robot, 0, assets) for robot in robot_names()]
+    return [
+        RoboartSource(f"{robot}-{variant}", robot, variant, assets)
+        for robot in robot_names()
+        for variant in range(per_robot)
+    ]
 
 
 def file_source(path: Path) -> FileSource:

@@ -1,7 +1,7 @@
 """A sequence with ground truth from a robot description (the supplement's C).
 
-Every active joint of the robot moves by a seeded draw while the base stands still, and each frame is
-sampled on its own from the posed surface.
+Every active joint of the robot moves by a seeded draw while the base stands still, unless it is free, and
+each frame is sampled on its own from the posed surface or what is visible of it.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from schemas.config import RoboartConfig
 from schemas.errors import InputError
 from schemas.sequence import TrueJoint
-from stages.ingest.roboart.catalogue import robot_description
+from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.motion import (
     Positions,
+    draw_base_motion,
     draw_sweep,
     draw_unseen,
     drive_ranges,
@@ -28,26 +29,31 @@ from stages.ingest.roboart.motion import (
 )
 from stages.ingest.roboart.parts import Parts, rigid_parts, top_links
 from stages.ingest.roboart.penetration import penetration_score
-from stages.ingest.roboart.surface import Surface, areas, link_triangles, move, sample_triangles
+from stages.ingest.roboart.sensor import draw_viewpoints, posed_triangles, sample_posed, sample_visible
+from stages.ingest.roboart.surface import Surface, areas, link_triangles, move
 from stages.ingest.roboart.urdf import Robot, forward_kinematics, read_urdf
 from stages.ingest.truth import RawTruth
 
 Frames = list[Float64[np.ndarray, "points 3"]]
+Poses = Float64[np.ndarray, "states parts 4 4"]
 
 
-def build_sequence(name: str, config: RoboartConfig, rng: np.random.Generator) -> tuple[Frames, RawTruth]:
+def build_sequence(
+    name: str, config: RoboartConfig, rng: np.random.Generator, assets: Path | None = None
+) -> tuple[Frames, RawTruth]:
     """A sequence of the robot `name`, in metres, and its ground truth.
 
-    Raises InputError for an unknown name, or where its description is missing or cannot be used.
+    `assets` is the folder that is searched first for the robot's description. Raises InputError for an
+    unknown name, or where its description is missing or cannot be used.
     """
-    urdf_path, mesh_dirs = robot_description(name)
-    return build_from_urdf(urdf_path, mesh_dirs, config, rng)
+    found = robot_description(name, assets)
+    return build_from_urdf(found.urdf_path, found.mesh_dirs, config, rng)
 
 
 def build_from_urdf(
     urdf_path: Path, mesh_dirs: Sequence[Path], config: RoboartConfig, rng: np.random.Generator
 ) -> tuple[Frames, RawTruth]:
-    """A sequence of any robot with a URDF, in metres and in the base link's frame, and its ground truth.
+    """A sequence of any robot with a URDF, in metres and its base link's first frame, and its ground truth.
 
     `mesh_dirs` are where package:// names are looked up. The states of `RawTruth.joints` are relative:
     each frame's joint position minus the one in frame 0, so that a joint turns or moves its child by
@@ -68,25 +74,56 @@ def build_from_urdf(
     rest = rest_positions(robot, ranges)
     surface = _part_surface(robot, parts, triangles, rest)
     swept, unseen = joint_motion(robot, parts, surface, ranges, rest, config, rng)
-    Ts_world_part = part_poses(robot, parts, swept)
+    Ts_world_part, Ts_world_unseen = (part_poses(robot, parts, positions) for positions in (swept, unseen))
+    if config.free_base:
+        Ts_world_part, Ts_world_unseen = _free_base(surface, Ts_world_part, Ts_world_unseen, rng)
     Ts_part_first = np.linalg.inv(Ts_world_part[0])
-    frames, labels = [], []
-    for Ts in Ts_world_part:
-        p_part, chosen = sample_triangles(surface.triangles, config.points, rng)
-        part = surface.part[chosen]
-        frames.append((Ts[part, :3, :3] @ p_part[:, :, None])[..., 0] + Ts[part, :3, 3])
-        labels.append(part)
+    frames, labels = _sample(surface, Ts_world_part, config, rng)
     return frames, RawTruth(
         labels=labels,
         Ts_frame_first=Ts_world_part @ Ts_part_first,
-        Ts_novel_first=part_poses(robot, parts, unseen) @ Ts_part_first,
+        Ts_novel_first=Ts_world_unseen @ Ts_part_first,
         parent=parts.parent,
         part_names=tuple(robot.links[link] for link in _largest_links(parts, link_area)),
         joints=_true_joints(robot, parts, swept, Ts_world_part[0]),
     )
 
 
-def part_poses(robot: Robot, parts: Parts, positions: Positions) -> Float64[np.ndarray, "states parts 4 4"]:
+def _sample(
+    surface: Surface, Ts_world_part: Poses, config: RoboartConfig, rng: np.random.Generator
+) -> tuple[Frames, list[Int64[np.ndarray, "points"]]]:
+    """Each frame's points and their parts, as the sensor that `config` asks for sees them."""
+    if config.viewpoints:
+        p_viewpoints = draw_viewpoints(config.viewpoints, *_centre_and_diagonal(surface, Ts_world_part), rng)
+        sampled = [sample_visible(surface, Ts, p_viewpoints, config.points, rng) for Ts in Ts_world_part]
+    else:
+        sampled = [sample_posed(surface, Ts, config.points, rng) for Ts in Ts_world_part]
+    frames, labels = [points for points, _ in sampled], [part for _, part in sampled]
+    if config.noise_percent:
+        noise = config.noise_percent / 100 * _centre_and_diagonal(surface, Ts_world_part[:1])[1]
+        frames = [points + rng.normal(0, noise, points.shape) for points in frames]
+    return frames, labels
+
+
+def _free_base(
+    surface: Surface, Ts_world_part: Poses, Ts_world_unseen: Poses, rng: np.random.Generator
+) -> tuple[Poses, Poses]:
+    """The parts' poses in the frames and in the unseen states, with the whole carried along a smooth path."""
+    frames = len(Ts_world_part)
+    path = np.concatenate([np.linspace(0, 1, frames), rng.random(len(Ts_world_unseen))])
+    Ts_world_base = draw_base_motion(path, *_centre_and_diagonal(surface, Ts_world_part[:1]), rng)[:, None]
+    return Ts_world_base[:frames] @ Ts_world_part, Ts_world_base[frames:] @ Ts_world_unseen
+
+
+def _centre_and_diagonal(surface: Surface, Ts_world_part: Poses) -> tuple[Float64[np.ndarray, "3"], float]:
+    """Of the box around the surface in all the given states."""
+    posed = [posed_triangles(surface, Ts).reshape(-1, 3) for Ts in Ts_world_part]
+    low = np.min([corners.min(axis=0) for corners in posed], axis=0)
+    high = np.max([corners.max(axis=0) for corners in posed], axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low))
+
+
+def part_poses(robot: Robot, parts: Parts, positions: Positions) -> Poses:
     """Each part's frame in the base's for rows of joint positions."""
     return forward_kinematics(robot, positions)[:, parts.link]
 

@@ -1,86 +1,86 @@
-"""Which robots there are and where their descriptions lie.
-
-So far the ones that the PyPI package example-robot-data ships. Nothing here loads a mesh, so that names
-and digests are cheap.
-"""
+"""The 18 robots of the data set: their types, their split, and who publishes their descriptions."""
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
-from importlib import metadata
-from pathlib import Path
 from typing import Literal
 
 from schemas.errors import InputError
-from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
 
-RobotKind = Literal["arm", "biped", "hand", "quadruped"]
-
-DISTRIBUTION = "example-robot-data"
-SHARE_FOLDER = "cmeel.prefix/share"
-ROBOTS_FOLDER = "example-robot-data/robots"
+RobotKind = Literal["arm", "biped", "hand", "mobile manipulator", "humanoid", "quadruped"]
+Split = Literal["train", "validation", "test"]
 
 
 @dataclass(frozen=True)
-class RobotSource:
-    """A robot's description, relative to the package's folder of robots, and its type (Table 3)."""
+class Package:
+    """A URDF that a PyPI package ships; package:// names start where `urdf` does."""
 
+    distribution: str
     urdf: str
+
+
+@dataclass(frozen=True)
+class RobotEntry:
+    """A robot's type (Table 3) and split (Table 4), and where its description is published.
+
+    `module` is the robot's name in robot_descriptions, which clones its repository; `homepage` is where a
+    person finds what neither that nor a package has.
+    """
+
     kind: RobotKind
+    split: Split
+    package: Package | None = None
+    module: str | None = None
+    homepage: str | None = None
 
 
-ROBOTS: dict[str, RobotSource] = {
-    "a1": RobotSource("a1_description/urdf/a1.urdf", "quadruped"),
-    "allegro": RobotSource("allegro_hand_description/urdf/allegro_right_hand.urdf", "hand"),
-    "baxter": RobotSource("baxter_description/urdf/baxter.urdf", "arm"),
-    "bolt": RobotSource("bolt_description/robots/bolt.urdf", "biped"),
-    "kinova": RobotSource("kinova_description/robots/kinova.urdf", "arm"),
-    "laikago": RobotSource("laikago_description/urdf/laikago.urdf", "quadruped"),
-    "panda": RobotSource("panda_description/urdf/panda.urdf", "arm"),
-    "solo": RobotSource("solo_description/robots/solo12.urdf", "quadruped"),
-    "ur5": RobotSource("ur_description/urdf/ur5_robot.urdf", "arm"),
+def _example(urdf: str) -> Package:
+    return Package("example-robot-data", f"example-robot-data/robots/{urdf}")
+
+
+# Table 4 lists Panda twice for validation and Nao nowhere: the second Panda is Nao.
+# Reachy and Nao have several generations: robot_descriptions has the first Reachy, and no Nao.
+ROBOTS: dict[str, RobotEntry] = {
+    "a1": RobotEntry("quadruped", "test", _example("a1_description/urdf/a1.urdf"), "a1"),
+    "allegro": RobotEntry(
+        "hand", "test", _example("allegro_hand_description/urdf/allegro_right_hand.urdf"), "allegro_hand"
+    ),
+    "atlas": RobotEntry("humanoid", "train", None, "atlas_v4"),
+    "barrett": RobotEntry("hand", "test", None, "barrett_hand"),
+    "baxter": RobotEntry("arm", "train", _example("baxter_description/urdf/baxter.urdf"), "baxter"),
+    "bolt": RobotEntry("biped", "test", _example("bolt_description/robots/bolt.urdf"), "bolt"),
+    "cassie": RobotEntry("biped", "validation", None, "cassie"),
+    "icub": RobotEntry("humanoid", "test", Package("icub-models", "iCub/robots/iCubGazeboV2_5/model.urdf"), "icub"),
+    "iiwa": RobotEntry("arm", "train", Package("pybullet", "kuka_iiwa/model.urdf"), "iiwa14"),
+    "jvrc": RobotEntry("humanoid", "test", Package("jvrc-description", "jvrc_description/urdf/jvrc1.urdf"), "jvrc"),
+    "kinova": RobotEntry("arm", "test", _example("kinova_description/robots/kinova.urdf")),
+    "laikago": RobotEntry("quadruped", "train", _example("laikago_description/urdf/laikago.urdf"), "laikago"),
+    "nao": RobotEntry("humanoid", "validation", homepage="github.com/jrl-umi3218/nao_description"),
+    "panda": RobotEntry("arm", "validation", _example("panda_description/urdf/panda.urdf"), "panda"),
+    "reachy": RobotEntry("mobile manipulator", "test", None, "reachy"),
+    "solo": RobotEntry("quadruped", "test", _example("solo_description/robots/solo12.urdf"), "solo"),
+    "spot": RobotEntry("quadruped", "validation", homepage="github.com/bdaiinstitute/spot_description"),
+    "ur5": RobotEntry("arm", "test", _example("ur_description/urdf/ur5_robot.urdf")),
 }
 
 
 def robot_names() -> list[str]:
-    """The names that `build_sequence` and `robot_digest` know, in alphabetical order."""
+    """The names of all robots of the data set, whether this machine has their descriptions or not."""
     return sorted(ROBOTS)
 
 
-def robot_description(name: str) -> tuple[Path, tuple[Path, ...]]:
-    """A robot's URDF file and the folders in which its package:// names are looked up.
-
-    Raises InputError for an unknown name, or where example-robot-data is missing or lacks the file.
-    """
+def robot_entry(name: str) -> RobotEntry:
+    """What the catalogue tells of a robot. Raises InputError for an unknown name."""
     if name not in ROBOTS:
-        raise InputError(f"robot {name!r}: not known, expected one of {', '.join(robot_names())}")
-    try:
-        distribution = metadata.distribution(DISTRIBUTION)
-    except metadata.PackageNotFoundError as error:
-        raise InputError(
-            f"robot {name!r}: found no package {DISTRIBUTION}, which holds its description; "
-            "run `pip install rearticulate[robots]`"
-        ) from error
-    share = Path(str(distribution.locate_file(SHARE_FOLDER))).resolve()
-    urdf_path = share / ROBOTS_FOLDER / ROBOTS[name].urdf
-    if not urdf_path.is_file():
-        raise InputError(
-            f"robot {name!r}: found no file {urdf_path}, expected {DISTRIBUTION} {distribution.version} to ship it; "
-            "run `pip install --force-reinstall rearticulate[robots]`"
-        )
-    return urdf_path, (share,)
+        raise InputError(f"robot {name!r}: not known, expected one of {', '.join(robot_names())}; check the spelling")
+    return ROBOTS[name]
 
 
-def robot_digest(name: str) -> str:
-    """SHA-256 (hex) over the robot's URDF and every mesh file that it references.
+def robot_kind(name: str) -> RobotKind:
+    """A robot's type (the supplement's Table 3). Raises InputError for an unknown name."""
+    return robot_entry(name).kind
 
-    Raises InputError as `robot_description`, and for a missing mesh file.
-    """
-    urdf_path, mesh_dirs = robot_description(name)
-    digest = hashlib.sha256(urdf_path.read_bytes())
-    for reference in mesh_references(urdf_path):
-        mesh = resolve_mesh(reference, urdf_path, mesh_dirs).read_bytes()
-        digest.update(f"{reference} {len(mesh)} ".encode())
-        digest.update(mesh)
-    return digest.hexdigest()
+
+def robot_split(name: str) -> Split:
+    """The split that a robot belongs to (the supplement's Table 4). Raises InputError for an unknown name."""
+    return robot_entry(name).split

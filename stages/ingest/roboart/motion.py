@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
+from scipy.spatial.transform import Rotation
 
 from schemas.config import RoboartConfig
 from stages.ingest.roboart.urdf import JointKind, Robot
@@ -19,6 +20,10 @@ PRISMATIC_SHARE_OF_RANGE = (0.7, 0.9)
 STEP_SPREAD = 0.3
 # unseen states may lie this much, as a share of the swept range, beyond it on either side
 NOVEL_MARGIN = 0.25
+# a free base turns and shifts so much in all (the shift in diagonals), on a path bent by this share of either
+BASE_TURN_DEGREES = (20.0, 40.0)
+BASE_SHIFT = (0.1, 0.25)
+BASE_BEND = 0.5
 # the search for a motion without penetration: draws of all joints, then of one joint at a time
 WHOLE_DRAWS = 6
 SINGLE_REDRAWS = 40
@@ -95,6 +100,24 @@ def draw_unseen(
     """One position in a joint's swept range or a little beyond it, within the limits."""
     margin = NOVEL_MARGIN * np.ptp(swept)
     return rng.uniform(max(limits[0], swept.min() - margin), min(limits[1], swept.max() + margin), size=1)
+
+
+def draw_base_motion(
+    path: Float64[np.ndarray, "states"], centre: Float64[np.ndarray, "3"], diagonal: float, rng: np.random.Generator
+) -> Float64[np.ndarray, "states 4 4"]:
+    """A smooth motion of the whole about its centre, at the shares `path` of the way; at 0 it is the identity."""
+
+    def curve(length: float) -> Float64[np.ndarray, "states 3"]:
+        """A parabola: a straight way of this length, and a detour that is greatest midway."""
+        straight, detour = rng.normal(size=(2, 3))
+        straight *= length / np.linalg.norm(straight)
+        detour *= BASE_BEND * length / np.linalg.norm(detour)
+        return path[:, None] * straight + (path * (1 - path))[:, None] * detour
+
+    Ts = np.tile(np.eye(4), (len(path), 1, 1))
+    Ts[:, :3, :3] = Rotation.from_rotvec(curve(np.radians(rng.uniform(*BASE_TURN_DEGREES)))).as_matrix()
+    Ts[:, :3, 3] = curve(diagonal * rng.uniform(*BASE_SHIFT)) + centre - Ts[:, :3, :3] @ centre
+    return Ts
 
 
 def search(

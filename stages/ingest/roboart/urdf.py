@@ -97,10 +97,10 @@ def read_urdf(urdf_path: Path) -> Robot:
     joints = _from_root(parsed.joints, links, urdf_path)
     order = [joints[0].parent, *(joint.child for joint in joints)] if joints else list(links)
     index = {name: k for k, name in enumerate(order)}
-    leaders = {joint.name: k for k, joint in enumerate(joints) if joint.mimic is None}
+    by_name = {joint.name: (k, joint) for k, joint in enumerate(joints)}
     return Robot(
         links=tuple(order),
-        joints=tuple(_joint(joint, index, leaders, urdf_path) for joint in joints),
+        joints=tuple(_joint(joint, index, by_name, urdf_path) for joint in joints),
         visuals=tuple(_shapes(links[name].visuals) for name in order),
         collisions=tuple(_shapes(links[name].collisions) for name in order),
     )
@@ -139,7 +139,7 @@ def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> lis
     return ordered
 
 
-def _joint(joint: Any, links: dict[str, int], leaders: dict[str, int], urdf_path: Path) -> Joint:
+def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]], urdf_path: Path) -> Joint:
     where = f"{urdf_path}: joint {joint.name!r}"
     if joint.type not in KINDS:
         raise InputError(f"{where}: found type {joint.type!r}, expected one of {', '.join(KINDS)}; correct the URDF")
@@ -147,14 +147,6 @@ def _joint(joint: Any, links: dict[str, int], leaders: dict[str, int], urdf_path
     length = float(np.linalg.norm(joint.axis))
     if kind != "fixed" and length == 0:
         raise InputError(f"{where}: found an axis of length zero, expected a direction; correct the URDF")
-    mimic = None
-    if kind != "fixed" and joint.mimic is not None:
-        if joint.mimic.joint not in leaders:
-            raise InputError(
-                f"{where}: found that it mimics {joint.mimic.joint!r}, "
-                "expected a joint that itself mimics none; correct the URDF"
-            )
-        mimic = Mimic(leaders[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset)
     lower, upper = (0.0, 0.0) if kind == "fixed" else _limits(joint)
     if lower > upper:
         raise InputError(f"{where}: found limits {lower} to {upper}, expected lower <= upper; correct the URDF")
@@ -167,8 +159,26 @@ def _joint(joint: Any, links: dict[str, int], leaders: dict[str, int], urdf_path
         axis=np.asarray(joint.axis, dtype=np.float64) / (length or 1.0),
         lower=lower,
         upper=upper,
-        mimic=mimic,
+        mimic=None if kind == "fixed" else _mimic(joint, by_name, where),
     )
+
+
+def _mimic(joint: Any, by_name: dict[str, tuple[int, Any]], where: str) -> Mimic | None:
+    """The joint that leads in the end, where one mimics another that mimics a third."""
+    if joint.mimic is None:
+        return None
+    index, multiplier, offset = -1, 1.0, 0.0
+    passed = {joint.name}
+    while joint.mimic is not None:
+        leader = joint.mimic.joint
+        if leader not in by_name or leader in passed:
+            found = "itself" if leader in passed else f"the unknown joint {leader!r}"
+            raise InputError(f"{where}: found that it mimics {found}, expected another joint; correct the URDF")
+        passed.add(leader)
+        offset += multiplier * joint.mimic.offset
+        multiplier *= joint.mimic.multiplier
+        index, joint = by_name[leader]
+    return Mimic(index, multiplier, offset)
 
 
 def _limits(joint: Any) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import yourdfpy
 from schemas.config import RoboartConfig
 from schemas.errors import InputError
 from stages.ingest.roboart import build_from_urdf, build_sequence, builder
-from stages.ingest.roboart.catalogue import robot_description
+from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.urdf import read_urdf
 from stages.kernels.screw import screw_transform
 
@@ -176,6 +176,74 @@ def test_frames_are_sampled_independently(arm):
     assert not np.isin(frames[0][truth.labels[0] == 0], frames[1][truth.labels[1] == 0]).all(axis=1).any()
 
 
+def in_first_base(Ts, points):
+    """Points of a frame where the base was in frame 0."""
+    return (points - Ts[0, :3, 3]) @ Ts[0, :3, :3]
+
+
+def turn_degrees(Ts):
+    cosine = (np.trace(Ts[:, :3, :3], axis1=1, axis2=2) - 1) / 2
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def test_a_free_base_carries_the_whole_robot_smoothly(arm, recorded):
+    config = RoboartConfig(points=600, free_base=True)
+    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(3))
+    names = [joint.name for joint in read_urdf(arm).joints]
+    swept, unseen = recorded[0]
+    Ts_base = truth.Ts_frame_first[:, 0]
+    np.testing.assert_allclose(Ts_base[0], np.eye(4), atol=1e-12)
+    turns = turn_degrees(np.linalg.inv(Ts_base[:-1]) @ Ts_base[1:])
+    assert turns.min() > 0.1
+    assert turns.max() < 3 * turns.mean()
+    assert 20 <= turn_degrees(Ts_base)[-1] <= 40
+    for index in (4, 9):
+        points = in_first_base(truth.Ts_frame_first[index], frames[index])
+        position = dict(zip(names, swept[index], strict=True))
+        assert_on_surface(arm, (), position, ARM_PARTS, points, truth.labels[index])
+    points = in_first_base(truth.Ts_novel_first[0], moved(truth.Ts_novel_first[0], truth.labels[0], frames[0]))
+    position = dict(zip(names, unseen[0], strict=True))
+    assert_on_surface(arm, (), position, ARM_PARTS, points, truth.labels[0])
+    assert_screws_reproduce_motions(truth)
+
+
+def test_noise_is_independent_and_a_share_of_the_diagonal_and_spares_the_truth(arm):
+    clean, truth = build_from_urdf(arm, (), RoboartConfig(points=2000), np.random.default_rng(0))
+    noisy, same = build_from_urdf(arm, (), RoboartConfig(points=2000, noise_percent=0.3), np.random.default_rng(0))
+    diagonal = np.linalg.norm(np.ptp(clean[0], axis=0))
+    noise = np.array(noisy) - np.array(clean)
+    np.testing.assert_allclose(noise.std(axis=(0, 1)), 0.003 * diagonal, rtol=0.03)
+    assert np.abs(noise.mean(axis=(0, 1))).max() < 1e-4 * diagonal
+    assert abs(np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]) < 0.05
+    np.testing.assert_array_equal(same.Ts_frame_first, truth.Ts_frame_first)
+    np.testing.assert_array_equal(same.labels, truth.labels)
+
+
+def test_partial_views_keep_count_labels_and_surface_and_lose_the_underside(arm, recorded):
+    config = RoboartConfig(points=300, viewpoints=2)
+    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    whole, _ = build_from_urdf(arm, (), RoboartConfig(points=300), np.random.default_rng(0))
+    assert [frame.shape for frame in frames] == [(300, 3)] * 10
+    names = [joint.name for joint in read_urdf(arm).joints]
+    for index in (0, 9):
+        position = dict(zip(names, recorded[0][0][index], strict=True))
+        assert_on_surface(arm, (), position, ARM_PARTS, frames[index], truth.labels[index])
+    floor = min(frame[:, 2].min() for frame in whole)  # the base's box stands on it
+    under = [np.mean([(np.abs(p[:, 2] - floor) < 1e-6).mean() for p in each]) for each in (whole, frames)]
+    assert under[0] > 0.05
+    assert under[1] < 0.01 * under[0]
+
+
+@pytest.mark.parametrize("options", [{"viewpoints": 2}, {"noise_percent": 0.3}, {"free_base": True}])
+def test_harder_sequences_are_as_reproducible(arm, options):
+    config = RoboartConfig(points=100, frames=3, **options)
+    first, again, other = (
+        as_bytes(build_from_urdf(arm, (), config, np.random.default_rng(seed))) for seed in (0, 0, 1)
+    )
+    assert first == again
+    assert not set(first[0][:3]) & set(other[0][:3])
+
+
 def test_a_motion_that_strikes_another_part_is_avoided(urdf, monkeypatch):
     path = urdf.write(
         urdf.link("base", urdf.box("0.4 0.4 0.4"), urdf.box("0.5 0.3 0.4", "0.6 0.6 0")),
@@ -209,7 +277,8 @@ def test_a_missing_mesh_is_refused_by_name(urdf):
 
 @pytest.mark.parametrize(("name", "parts"), [("bolt", 7), ("ur5", 7)])
 def test_a_real_robots_frames_lie_on_its_posed_meshes(name, parts, recorded):
-    path, mesh_dirs = robot_description(name)
+    found = robot_description(name)
+    path, mesh_dirs = found.urdf_path, found.mesh_dirs
     frames, truth = build_sequence(name, RoboartConfig(points=60), np.random.default_rng(0))
     robot = read_urdf(path)
     names = [joint.name for joint in robot.joints]

@@ -1,0 +1,88 @@
+"""Where a robot's description lies: in the user's folder, in a PyPI package, or in a repository to clone.
+
+Nothing here loads a mesh, so that digests are cheap.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path, PurePath
+
+from schemas.errors import UnavailableError
+from stages.ingest.roboart.catalogue import Package, robot_entry
+from stages.ingest.roboart.clones import CloneError, clone_description
+from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
+
+ASSETS_VARIABLE = "REART_ASSETS"
+
+
+@dataclass(frozen=True)
+class Description:
+    """A URDF file, and the folders in which its package:// names are looked up."""
+
+    urdf_path: Path
+    mesh_dirs: tuple[Path, ...]
+
+
+def robot_description(name: str, assets: Path | None = None) -> Description:
+    """A robot's description from the first source that has it: NAME/NAME.urdf in `assets`, a package, a clone.
+
+    Raises InputError for an unknown name, and UnavailableError, which tells how to get it, where no source has it.
+    """
+    entry = robot_entry(name)
+    tried, remedies = [], []
+    if assets is not None:
+        if (found := _in_folder(name, assets)) is not None:
+            return found
+        tried.append(f"{assets} lacks {name}/{name}.urdf")
+    if entry.package is not None:
+        if (found := _in_package(entry.package)) is not None:
+            return found
+        tried.append(f"the package {entry.package.distribution} is not installed")
+        remedies.append("run `pip install rearticulate[robots]`")
+    if entry.module is not None:
+        try:
+            urdf_path, mesh_dirs = clone_description(entry.module)
+            return Description(urdf_path, mesh_dirs)
+        except CloneError as error:
+            tried.append(str(error))
+            remedies.append("try again with internet access")
+    published = f" (from {entry.homepage})" if entry.homepage else ""
+    remedies.append(f"put it{published} into FOLDER/{name}/{name}.urdf and give --assets FOLDER or {ASSETS_VARIABLE}")
+    because = "; ".join(tried) or "no package on PyPI ships it"
+    raise UnavailableError(f"robot {name!r}: found no URDF ({because}), expected one; {', or '.join(remedies)}")
+
+
+def robot_digest(name: str, assets: Path | None = None) -> str:
+    """SHA-256 (hex) over the robot's URDF and every mesh file that it references.
+
+    Raises InputError as `robot_description`, and for a URDF that is not XML or lacks a mesh file.
+    """
+    found = robot_description(name, assets)
+    digest = hashlib.sha256(found.urdf_path.read_bytes())
+    for reference in mesh_references(found.urdf_path):
+        mesh = resolve_mesh(reference, found.urdf_path, found.mesh_dirs).read_bytes()
+        digest.update(f"{reference} {len(mesh)} ".encode())
+        digest.update(mesh)
+    return digest.hexdigest()
+
+
+def _in_folder(name: str, assets: Path) -> Description | None:
+    urdf_path = assets / name / f"{name}.urdf"
+    return Description(urdf_path, (assets / name, assets)) if urdf_path.is_file() else None
+
+
+def _in_package(package: Package) -> Description | None:
+    try:
+        distribution = metadata.distribution(package.distribution)
+    except metadata.PackageNotFoundError:
+        return None
+    for file in distribution.files or ():
+        if file.match(package.urdf):
+            urdf_path = Path(str(distribution.locate_file(file))).resolve()
+            if urdf_path.is_file():
+                root = urdf_path.parents[len(PurePath(package.urdf).parts) - 1]
+                return Description(urdf_path, (root,))
+    return None

@@ -1,0 +1,80 @@
+"""What a sensor tells of a posed surface: points on all of it or on what it sees, with or without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from stages.ingest.roboart.surface import Surface, sample_triangles
+
+Points = Float64[np.ndarray, "points 3"]
+Labels = Int64[np.ndarray, "points"]
+Poses = Float64[np.ndarray, "parts 4 4"]
+
+# viewpoints stand around the object, this far from its centre in diagonals, level with it or above
+DISTANCE = 1.5
+ELEVATION_DEGREES = (0.0, 50.0)
+# a point is seen when nothing lies nearer along its ray by more than this share of the distance (rays are float32)
+SLACK = 5e-5
+
+
+def sample_posed(surface: Surface, Ts_world_part: Poses, count: int, rng: np.random.Generator) -> tuple[Points, Labels]:
+    """World points spread uniformly by area over the posed surface, and the part of each."""
+    p_part, chosen = sample_triangles(surface.triangles, count, rng)
+    part = surface.part[chosen]
+    return (Ts_world_part[part, :3, :3] @ p_part[:, :, None])[..., 0] + Ts_world_part[part, :3, 3], part
+
+
+def sample_visible(
+    surface: Surface,
+    Ts_world_part: Poses,
+    p_viewpoints: Float64[np.ndarray, "viewpoints 3"],
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[Points, Labels]:
+    """As `sample_posed`, over what is visible from at least one of the viewpoints."""
+    sees = _line_of_sight(posed_triangles(surface, Ts_world_part), p_viewpoints)
+    points, labels = np.empty((0, 3)), np.empty(0, dtype=np.int64)
+    while len(points) < count:  # ends, since from outside some of the surface is always visible
+        p_world, part = sample_posed(surface, Ts_world_part, 2 * count, rng)
+        seen = sees(p_world)
+        points, labels = np.concatenate([points, p_world[seen]]), np.concatenate([labels, part[seen]])
+    return points[:count], labels[:count]
+
+
+def draw_viewpoints(
+    count: int, centre: Float64[np.ndarray, "3"], diagonal: float, rng: np.random.Generator
+) -> Float64[np.ndarray, "viewpoints 3"]:
+    """Places of standing sensors at even angles around the object (z is up), turned and raised at random."""
+    azimuth = 2 * np.pi * (rng.random() + np.arange(count) / count)
+    elevation = np.radians(rng.uniform(*ELEVATION_DEGREES, count))
+    level = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)], axis=1)
+    directions = np.cos(elevation)[:, None] * level + np.sin(elevation)[:, None] * [0.0, 0.0, 1.0]
+    return centre + DISTANCE * diagonal * directions
+
+
+def posed_triangles(surface: Surface, Ts_world_part: Poses) -> Float64[np.ndarray, "triangles 3 3"]:
+    """The surface's triangles where its parts are."""
+    Ts = Ts_world_part[surface.part]
+    return surface.triangles @ np.swapaxes(Ts[:, :3, :3], -1, -2) + Ts[:, None, :3, 3]
+
+
+def _line_of_sight(
+    triangles: Float64[np.ndarray, "triangles 3 3"], p_viewpoints: Float64[np.ndarray, "viewpoints 3"]
+) -> Callable[[Points], Bool[np.ndarray, "points"]]:
+    """Which points at least one viewpoint sees past the triangles."""
+    import open3d  # takes a second, and only partial views need it
+
+    tensor = open3d.core.Tensor.from_numpy
+    corners = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(tensor(triangles.reshape(-1, 3).astype(np.float32)), tensor(corners))
+
+    def sees(points: Points) -> Bool[np.ndarray, "points"]:
+        p_from = np.broadcast_to(p_viewpoints[:, None], (len(p_viewpoints), len(points), 3))
+        rays = np.concatenate([p_from, points - p_from], axis=-1).astype(np.float32)  # each reaches its point at 1
+        return (scene.cast_rays(tensor(rays), nthreads=1)["t_hit"].numpy() >= 1 - SLACK).any(axis=0)
+
+    return sees

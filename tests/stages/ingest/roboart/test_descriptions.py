@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import metadata, util
+from pathlib import Path
+
+import pytest
+
+from schemas.errors import InputError, UnavailableError
+from stages.ingest.roboart import descriptions, robot_digest, robot_names
+from stages.ingest.roboart.clones import CloneError
+from stages.ingest.roboart.descriptions import robot_description
+from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
+
+
+@pytest.fixture
+def offline(monkeypatch):
+    def refuse(module):
+        raise CloneError("no internet")
+
+    monkeypatch.setattr(descriptions, "clone_description", refuse)
+
+
+@pytest.fixture
+def no_packages(monkeypatch):
+    def missing(name):
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(descriptions.metadata, "distribution", missing)
+
+
+@pytest.fixture
+def assets(tmp_path):
+    """A user's folder with one robot."""
+    folder = tmp_path / "assets" / "bolt"
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "meshes" / "part.stl").write_bytes(b"first")
+    mesh = '<visual><geometry><mesh filename="meshes/part.stl"/></geometry></visual>'
+    (folder / "bolt.urdf").write_text(f'<robot name="bolt"><link name="a">{mesh}</link></robot>')
+    return tmp_path / "assets"
+
+
+def refusal(name: str, assets: Path | None = None) -> str:
+    with pytest.raises(UnavailableError) as caught:
+        robot_description(name, assets)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_dozen_robots_come_with_all_their_meshes_from_packages_alone(offline):
+    digests = set()
+    for name in robot_names():
+        try:
+            digests.add(robot_digest(name))
+        except UnavailableError:
+            continue
+    assert len(digests) == (12 if util.find_spec("pybullet") else 11)  # pybullet has no wheel for every Python
+
+
+def test_the_users_folder_comes_before_the_package_and_the_package_before_the_clone(assets, monkeypatch, no_packages):
+    cloned = Path("/cloned.urdf"), (Path("/"),)
+    monkeypatch.setattr(descriptions, "clone_description", lambda module: cloned)
+    assert robot_description("bolt", assets).urdf_path == assets / "bolt" / "bolt.urdf"
+    assert robot_description("bolt").urdf_path == cloned[0]
+    assert robot_description("a1", assets).urdf_path == cloned[0]
+    monkeypatch.undo()
+    assert robot_description("bolt").urdf_path.parts[-3:] == ("bolt_description", "robots", "bolt.urdf")
+
+
+@pytest.mark.usefixtures("offline", "no_packages")
+def test_a_robot_that_cannot_be_had_is_reported_with_every_way_to_get_it(assets):
+    message = refusal("a1", assets)
+    for words in ("'a1'", "a1/a1.urdf", "pip install rearticulate[robots]", "no internet", "--assets", "REART_ASSETS"):
+        assert words in message
+    assert "pip" not in refusal("atlas")
+    assert "github.com" in refusal("nao")
+    assert "github.com" in refusal("spot")
+
+
+def test_an_unknown_robot_is_not_looked_for():
+    with pytest.raises(InputError, match=r"'r2d2'.*a1, allegro"):
+        robot_digest("r2d2")
+
+
+def test_the_digest_changes_with_a_mesh_and_with_the_urdf_and_not_with_the_folder(assets, tmp_path):
+    digests = [robot_digest("bolt", assets)]
+    assets = assets.rename(tmp_path / "elsewhere")
+    assert robot_digest("bolt", assets) == digests[0]
+    (assets / "bolt" / "meshes" / "part.stl").write_bytes(b"other")
+    digests.append(robot_digest("bolt", assets))
+    urdf_path = assets / "bolt" / "bolt.urdf"
+    urdf_path.write_text(urdf_path.read_text().replace('"a"', '"b"'))
+    digests.append(robot_digest("bolt", assets))
+    assert len(set(digests)) == 3
+
+
+def test_a_broken_urdf_or_a_missing_mesh_is_wrong_and_not_unavailable(assets):
+    urdf_path = assets / "bolt" / "bolt.urdf"
+    (assets / "bolt" / "meshes" / "part.stl").unlink()
+    with pytest.raises(InputError, match=r"meshes/part\.stl") as caught:
+        robot_digest("bolt", assets)
+    assert not isinstance(caught.value, UnavailableError)
+    urdf_path.write_text("<robot><link")
+    with pytest.raises(InputError, match="XML") as caught:
+        robot_digest("bolt", assets)
+    assert not isinstance(caught.value, UnavailableError)
+
+
+def test_names_and_digests_need_neither_torch_nor_open3d_nor_a_mesh_loader():
+    code = (
+        "import sys; from stages.ingest.roboart import robot_digest; robot_digest('bolt'); "
+        "print({'torch', 'open3d', 'trimesh', 'yourdfpy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_package_names_are_looked_up_in_the_mesh_folders_and_others_beside_the_urdf(tmp_path):
+    urdf_path = tmp_path / "robots" / "robot.urdf"
+    for path in (tmp_path / "share/parts/a.stl", tmp_path / "robots/meshes/b.stl"):
+        path.parent.mkdir(parents=True)
+        path.touch()
+    folders = [tmp_path, tmp_path / "share"]
+    assert resolve_mesh("package://parts/a.stl", urdf_path, folders) == tmp_path / "share/parts/a.stl"
+    assert resolve_mesh("meshes/b.stl", urdf_path, folders) == tmp_path / "robots/meshes/b.stl"
+    with pytest.raises(InputError, match=r"package://parts/c\.stl"):
+        resolve_mesh("package://parts/c.stl", urdf_path, folders)
+
+
+def test_every_mesh_is_listed_once(urdf):
+    mesh = urdf.shape('<mesh filename="b.stl"/>')
+    path = urdf.write(urdf.link("a", mesh, mesh, urdf.shape('<mesh filename="a.stl"/>', role="collision")))
+    assert mesh_references(path) == ["a.stl", "b.stl"]
