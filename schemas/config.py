@@ -99,12 +99,32 @@ class GumbelConfig(Schema):
     )
 
 
+class AlternatingConfig(Schema):
+    """Solver `alternating`: registration, minimum cuts, merging and splitting in turn."""
+
+    points: int = Field(default=4096, ge=64, description="points per frame that the fit works on")
+    start_parts: int = Field(default=30, ge=1, description="parts that the flow is clustered into at the start")
+    rounds: int = Field(default=8, ge=1, description="rounds of refining, relabelling, merging and splitting")
+    closing_rounds: int = Field(default=4, ge=0, description="last rounds, in which nothing is split")
+    part_price: float = Field(default=12.0, ge=0, description="a part must lower the points' costs by more")
+    boundary_price: float = Field(default=1.0, ge=0, description="price of a surface edge between two parts")
+    truncation: float = Field(default=9.0, gt=0, description="most that one point can cost in one frame")
+    attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
+    contact: int = Field(default=4, ge=1, description="surface edges that two parts must share to be merged")
+    merge_iterations: int = Field(default=5, ge=1, description="registration steps before a merge is judged")
+    patches: int = Field(default=120, ge=1, description="patches of the surface that are tried as new parts")
+    patch_points: int = Field(default=40, ge=6, description="points of such a patch")
+    patch_iterations: int = Field(default=6, ge=1, description="registration steps of such a patch")
+    min_part_share: float = Field(default=0.004, ge=0, lt=1, description="smaller connected pieces are absorbed")
+
+
 class RelaxedFitConfig(Schema):
     """The relaxed fit of one candidate canonical frame."""
 
     solver: str = Field(default="gumbel", description="registered name or package.module:function")
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
+    alternating: AlternatingConfig = AlternatingConfig()
 
 
 class ProjectionConfig(Schema):

@@ -24,6 +24,7 @@ class Provenance(Schema):
     seed: int
     created: datetime
     seconds: dict[str, float] = Field(description="time spent reading the inputs and computing")
+    peak_memory_mib: float | None = Field(default=None, description="most memory that the task's process held, MiB")
     packages: dict[str, str] = Field(description="versions of Python and of the packages that matter")
 
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from stages.kernels import se3
 from stages.kernels.nearest import KDTree, nearest, neighbours
+from stages.kernels.registration import turn_about, twist_jacobian
 from stages.kernels.sampling import farthest_points
 
 SURFACE_NEIGHBOURS = 8
@@ -132,7 +131,7 @@ class Alignment:
 
         # d(point)/d(twist of anchor k about its own centre) = w_k [-skew(p_k - c_k), I]
         arms = moved - centres[graph.anchors]
-        jacobian = graph.weights[:, :, None, None] * _twist_jacobian(arms / self.noise)
+        jacobian = graph.weights[:, :, None, None] * twist_jacobian(arms / self.noise)
         jacobian = jacobian.transpose(0, 2, 1, 3).reshape(len(warped), 3, -1)
         weighted = np.einsum("nij,njb->nib", information, jacobian)
         hessian = _scatter(self._point_cells, np.matmul(jacobian.transpose(0, 2, 1), weighted), nodes)
@@ -142,8 +141,8 @@ class Alignment:
         k, neighbour = graph.edges.T
         predicted = se3_apply(Ts[k], graph.p_nodes[neighbour])
         gap = (predicted - centres[neighbour]) / self.noise
-        jacobian_k = _twist_jacobian((predicted - centres[k]) / self.noise)
-        jacobian_neighbour = np.broadcast_to(-_twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
+        jacobian_k = twist_jacobian((predicted - centres[k]) / self.noise)
+        jacobian_neighbour = np.broadcast_to(-twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
         edge_jacobian = np.concatenate([jacobian_k, jacobian_neighbour], axis=2)
         edge_weight = stiffness / (1.0 + (gap**2).sum(-1) / reach**2)
         weighted = edge_weight[:, None, None] * edge_jacobian
@@ -152,7 +151,7 @@ class Alignment:
 
         hessian[np.diag_indices_from(hessian)] += 1e-6 * hessian.diagonal().max() + 1e-9
         twists = -cho_solve(cho_factor(hessian, lower=True, check_finite=False), gradient).reshape(nodes, 6)
-        return _turn_about(centres, twists, self.noise) @ Ts
+        return turn_about(centres, twists, self.noise) @ Ts
 
     def cost(self, Ts: Float64[np.ndarray, "nodes 4 4"], reach: float) -> float:
         """Mean robust squared distance in both directions, in squared noise units."""
@@ -163,27 +162,6 @@ class Alignment:
 def se3_apply(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """Each point moved by its own transform."""
     return np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
-
-
-def _turn_about(
-    centres: Float64[np.ndarray, "nodes 3"], twists: Float64[np.ndarray, "nodes 6"], noise: float
-) -> Float64[np.ndarray, "nodes 4 4"]:
-    """World transforms of twists (angular part in radians per noise unit) taken about the nodes' centres."""
-    rotation = torch.from_numpy(twists[:, :3])
-    zero = torch.zeros_like(rotation)
-    Ts = se3.exp(torch.cat([rotation, zero], dim=1)).numpy()
-    Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise
-    return Ts
-
-
-def _twist_jacobian(arms: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3 6"]:
-    """d(arm moved by a twist)/d(twist) = [-skew(arm), I]."""
-    jacobian = np.zeros((*arms.shape, 6))
-    jacobian[..., 0, 1], jacobian[..., 0, 2] = arms[..., 2], -arms[..., 1]
-    jacobian[..., 1, 0], jacobian[..., 1, 2] = -arms[..., 2], arms[..., 0]
-    jacobian[..., 2, 0], jacobian[..., 2, 1] = arms[..., 1], -arms[..., 0]
-    jacobian[..., 0, 3] = jacobian[..., 1, 4] = jacobian[..., 2, 5] = 1.0
-    return jacobian
 
 
 def _sum_rows(values: Float64[np.ndarray, "rows c"], index: Int64[np.ndarray, "rows"], count: int) -> np.ndarray:

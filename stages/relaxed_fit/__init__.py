@@ -15,11 +15,12 @@ from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.progress import Progress, silent
 from stages.registry import resolve
+from stages.relaxed_fit.alternating import solve_alternating
 from stages.relaxed_fit.gumbel import solve_gumbel
 
 Solver = Callable[[PointSequence, Flow, int, RelaxedFitConfig, np.random.Generator, Progress], RelaxedModel]
 
-SOLVERS: dict[str, Solver] = {"gumbel": solve_gumbel}
+SOLVERS: dict[str, Solver] = {"gumbel": solve_gumbel, "alternating": solve_alternating}
 
 
 def fit_relaxed(

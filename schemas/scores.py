@@ -1,0 +1,161 @@
+"""The evaluation of a whole data set: the figures of every sequence, their means, and what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from schemas.artifact import Schema
+from schemas.metrics import Metrics
+
+MissingState = Literal["failed", "corrupt", "stale", "missing", "unavailable"]
+Level = Literal["robot", "type", "split", "all"]
+Verdict = Literal["better", "worse", "same"]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How a figure is shown, and which direction is better."""
+
+    title: str
+    unit: str = ""
+    decimals: int = 3
+    better: Literal["higher", "lower"] | None = None
+
+
+class Figures(Schema):
+    """The figures of one sequence, or the means over several; None where nothing tells them.
+
+    Those of joints are over all matched joints, whichever sequence they belong to: a sequence with one joint
+    weighs as much as one joint.
+    """
+
+    parts_found: Annotated[float | None, Measure("parts", decimals=0)] = None
+    parts_true: Annotated[float | None, Measure("true parts", decimals=0)] = None
+    parts_off: Annotated[float | None, Measure("parts off", decimals=0, better="lower")] = Field(
+        default=None, description="|found - true|"
+    )
+    ari: Annotated[float | None, Measure("ARI", better="higher")] = None
+    ri: Annotated[float | None, Measure("RI", better="higher")] = None
+    tree_edit_distance: Annotated[float | None, Measure("TED", decimals=0, better="lower")] = None
+    recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None
+    recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
+    epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
+    epe_percent: Annotated[float | None, Measure("EPE", "%", better="lower")] = None
+    acc5: Annotated[float | None, Measure("acc5", better="higher")] = None
+    acc10: Annotated[float | None, Measure("acc10", better="higher")] = None
+    reanimation_cm: Annotated[float | None, Measure("reanim.", "cm", better="lower")] = None
+    reanimation_percent: Annotated[float | None, Measure("reanim.", "%", better="lower")] = None
+    chamfer_percent: Annotated[float | None, Measure("Chamfer", "%", better="lower")] = None
+    joints_found: Annotated[float | None, Measure("joints", decimals=0, better="higher")] = Field(
+        default=None, description="true joints that a predicted joint was matched to"
+    )
+    joints_true: Annotated[float | None, Measure("true joints", decimals=0)] = None
+    axis_angle_deg: Annotated[float | None, Measure("axis angle", "deg", 2, "lower")] = Field(
+        default=None, description="median over the matched joints"
+    )
+    axis_distance_percent: Annotated[float | None, Measure("axis dist.", "%", 2, "lower")] = Field(
+        default=None, description="median over the matched revolute joints, % of the diagonal"
+    )
+    joint_type_accuracy: Annotated[float | None, Measure("joint types", better="higher")] = Field(
+        default=None, description="share of the matched joints whose type is right"
+    )
+    seconds: Annotated[float | None, Measure("time", "s", 1, "lower")] = Field(
+        default=None, description="of all stages"
+    )
+    peak_memory_mib: Annotated[float | None, Measure("memory", "MiB", 0, "lower")] = Field(
+        default=None, description="of the hungriest stage"
+    )
+
+
+MEASURES: dict[str, Measure] = {
+    name: entry
+    for name, field in Figures.model_fields.items()
+    for entry in field.metadata
+    if isinstance(entry, Measure)
+}
+
+
+class StageCost(Schema):
+    """What a stage of a sequence took, all its candidates together; or the mean of that."""
+
+    seconds: float
+    peak_memory_mib: float | None
+
+
+class SequenceScore(Schema):
+    """One evaluated sequence. `robot`, `type` and `split` are None where the data set does not tell."""
+
+    sequence: str
+    robot: str | None = None
+    type: str | None = None
+    split: str | None = None
+    metrics: Metrics
+    figures: Figures
+    costs: dict[str, StageCost] = Field(description="by stage")
+    result: str | None = Field(description="folder of the model's artifact, from the working directory")
+
+
+class MissingScore(Schema):
+    """A sequence without an evaluation, and why."""
+
+    sequence: str
+    state: MissingState
+    message: str
+    log: str | None = None
+
+
+class GroupScore(Schema):
+    """Means over the sequences of one robot, type or split, or over all."""
+
+    level: Level
+    name: str
+    sequences: int = Field(ge=1)
+    figures: Figures
+    costs: dict[str, StageCost]
+
+
+class Scores(Schema):
+    """`evaluation.json`: everything that the tables show."""
+
+    format: Literal["rearticulate/evaluation"] = "rearticulate/evaluation"
+    version: Literal[1] = 1
+    dataset: str
+    created: datetime
+    config: dict[str, Any] = Field(description="the resolved configuration that the artifacts were made with")
+    split: str | None = Field(default=None, description="where only the sequences of one split were asked for")
+    sequences: tuple[SequenceScore, ...]
+    missing: tuple[MissingScore, ...]
+    groups: tuple[GroupScore, ...]
+
+
+class Difference(Schema):
+    """One figure, before and after."""
+
+    before: float
+    after: float
+    verdict: Verdict | None = Field(description="None where no direction is better")
+
+    @property
+    def change(self) -> float:
+        return self.after - self.before
+
+
+class ComparedFigures(Schema):
+    """The differences of one sequence, or of the means; figures that either side lacks are left out."""
+
+    name: str
+    differences: dict[str, Difference]
+
+
+class Comparison(Schema):
+    """What got better or worse between two evaluations; means are over the sequences that both have."""
+
+    before: str = Field(description="where the earlier evaluation was read")
+    sequences: tuple[ComparedFigures, ...]
+    mean: ComparedFigures | None = Field(description="None where no sequence is in both")
+    only_before: tuple[str, ...]
+    only_after: tuple[str, ...]

@@ -1,0 +1,220 @@
+"""Registration of rigid groups of points to all frames at once, by Gauss-Newton on robust plane distances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+
+from stages.kernels import se3
+from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.sampling import normals, spacing
+
+POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
+PLANE_NOISE = 0.4  # spread of plane distances, in spacings, where a model fits
+DAMPING = 1e-4
+
+
+class Registration:
+    """A canonical cloud against the other frames of a sequence.
+
+    Groups are sets of canonical points, given as parallel arrays `index` (entries,) of points and `group`
+    (entries,) of group numbers; groups may overlap. Each group moves by `Ts` (frames, groups, 4, 4).
+    Lengths inside are in units of `noise`, the canonical cloud's spacing.
+    """
+
+    def __init__(self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int) -> None:
+        self.p = frames[canonical_frame]
+        self.noise = spacing(self.p)
+        self.others = [t for t in range(len(frames)) if t != canonical_frame]
+        self.frames = frames
+        self._trees = [KDTree(frame) for frame in frames]
+        self._normals = [normals(frame) for frame in frames]
+
+    def cost(
+        self,
+        index: Int64[np.ndarray, "entries"],
+        group: Int64[np.ndarray, "entries"],
+        Ts: Float64[np.ndarray, "frames groups 4 4"],
+        truncation: float,
+    ) -> Float64[np.ndarray, "entries"]:
+        """How badly each point's motion is borne out, averaged over frames.
+
+        In a frame: the squared plane distance in units of its noise plus half the squared point distance in
+        spacings, truncated.
+        """
+        total = np.zeros(len(index))
+        for t in self.others:
+            _, target, offset, distance = self._matches(t, index, group, Ts)
+            plane = np.einsum("ni,ni->n", self._normals[t][target], offset) / PLANE_NOISE
+            total += np.minimum(plane**2 + 0.5 * distance**2, truncation)
+        return total / len(self.others)
+
+    def refine_groups(
+        self,
+        index: Int64[np.ndarray, "entries"],
+        group: Int64[np.ndarray, "entries"],
+        Ts: Float64[np.ndarray, "frames groups 4 4"],
+        iterations: int,
+        reach: float,
+    ) -> Float64[np.ndarray, "frames groups 4 4"]:
+        """Each group registered by itself, from its points to their nearest ones in every frame."""
+        Ts, groups = Ts.copy(), Ts.shape[1]
+        centres = _group_means(self.p[index], group, groups)
+        for _ in range(iterations):
+            for t in self.others:
+                p, target, offset, distance = self._matches(t, index, group, Ts)
+                p_centres = _moved(Ts[t], centres)
+                hessian, gradient = _normal_equations(
+                    (p - p_centres[group]) / self.noise,
+                    group,
+                    groups,
+                    self._normals[t][target],
+                    offset,
+                    _robust_weight(distance, reach),
+                )
+                hessian += DAMPING * _scaled_identity(hessian)
+                twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
+                Ts[t] = turn_about(p_centres, twists, self.noise) @ Ts[t]
+        return Ts
+
+    def refine_parts(
+        self,
+        labels: Int64[np.ndarray, "points"],
+        Ts: Float64[np.ndarray, "frames parts 4 4"],
+        contacts: Int64[np.ndarray, "contacts 2"],
+        iterations: int,
+        reach: float,
+        attachment: float,
+    ) -> Float64[np.ndarray, "frames parts 4 4"]:
+        """All parts registered together, both from model to frame and from frame to model.
+
+        `contacts` are pairs of neighbouring points of different parts; the places between them are asked,
+        with weight `attachment` and robustly, to move alike by both parts' motions. Without it round parts
+        would be free to slide and turn on themselves.
+        """
+        Ts, parts = Ts.copy(), Ts.shape[1]
+        index = np.arange(len(self.p))
+        centres = _group_means(self.p, labels, parts)
+        middles = self.p[contacts].mean(axis=1)
+        sides = labels[contacts].T
+        for _ in range(iterations):
+            for t in self.others:
+                p, target, _, distance = self._matches(t, index, labels, Ts)
+                back_distance, back = nearest(KDTree(p), self.frames[t])
+                source = np.concatenate([index, back])
+                target = np.concatenate([target, np.arange(len(back))])
+                weight = _robust_weight(np.concatenate([distance, back_distance / self.noise]), reach)
+                offset = (p[source] - self.frames[t][target]) / self.noise
+                p_centres = _moved(Ts[t], centres)
+                part = labels[source]
+                blocks, gradient = _normal_equations(
+                    (p[source] - p_centres[part]) / self.noise, part, parts, self._normals[t][target], offset, weight
+                )
+                hessian = np.zeros((parts, parts, 6, 6))
+                hessian[np.arange(parts), np.arange(parts)] = blocks
+                self._attach(hessian, gradient, middles, sides, Ts[t], p_centres, reach, attachment)
+                matrix = hessian.transpose(0, 2, 1, 3).reshape(6 * parts, 6 * parts)
+                matrix[np.diag_indices_from(matrix)] += 1e-3 + DAMPING * matrix.diagonal()
+                twists = -np.linalg.solve(matrix, gradient.ravel()).reshape(parts, 6)
+                Ts[t] = turn_about(p_centres, twists, self.noise) @ Ts[t]
+        return Ts
+
+    def _matches(
+        self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Moved points, their nearest in frame t, and offset and distance to it in spacings."""
+        T_points = Ts[t, group]
+        p = np.einsum("nij,nj->ni", T_points[:, :3, :3], self.p[index]) + T_points[:, :3, 3]
+        distance, target = nearest(self._trees[t], p)
+        return p, target, (p - self.frames[t][target]) / self.noise, distance / self.noise
+
+    def _attach(
+        self,
+        hessian: Float64[np.ndarray, "parts parts 6 6"],
+        gradient: Float64[np.ndarray, "parts 6"],
+        middles: Float64[np.ndarray, "contacts 3"],
+        sides: Int64[np.ndarray, "2 contacts"],
+        Ts: Float64[np.ndarray, "parts 4 4"],
+        p_centres: Float64[np.ndarray, "parts 3"],
+        reach: float,
+        attachment: float,
+    ) -> None:
+        """Add the pull of contacts, in place."""
+        a, b = sides
+        p_a, p_b = _moved(Ts[a], middles), _moved(Ts[b], middles)
+        gap = (p_a - p_b) / self.noise
+        weight = attachment * _robust_weight(np.linalg.norm(gap, axis=1), reach)
+        jacobians = (
+            (a, twist_jacobian((p_a - p_centres[a]) / self.noise)),
+            (b, -twist_jacobian((p_b - p_centres[b]) / self.noise)),
+        )
+        for row, left in jacobians:
+            np.add.at(gradient, row, np.einsum("nia,n,ni->na", left, weight, gap))
+            for column, right in jacobians:
+                np.add.at(hessian, (row, column), np.einsum("nia,n,nib->nab", left, weight, right))
+
+
+def twist_jacobian(arms: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3 6"]:
+    """d(arm moved by a twist)/d(twist) = [-skew(arm), I]."""
+    jacobian = np.zeros((*arms.shape, 6))
+    jacobian[..., 0, 1], jacobian[..., 0, 2] = arms[..., 2], -arms[..., 1]
+    jacobian[..., 1, 0], jacobian[..., 1, 2] = -arms[..., 2], arms[..., 0]
+    jacobian[..., 2, 0], jacobian[..., 2, 1] = arms[..., 1], -arms[..., 0]
+    jacobian[..., 0, 3] = jacobian[..., 1, 4] = jacobian[..., 2, 5] = 1.0
+    return jacobian
+
+
+def turn_about(
+    centres: Float64[np.ndarray, "groups 3"], twists: Float64[np.ndarray, "groups 6"], noise: float
+) -> Float64[np.ndarray, "groups 4 4"]:
+    """Transforms of twists taken about given centres; angles in radians per noise unit, lengths in noise units."""
+    rotation = torch.from_numpy(np.ascontiguousarray(twists[:, :3]))
+    Ts = se3.exp(torch.cat([rotation, torch.zeros_like(rotation)], dim=1)).numpy()
+    Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise
+    return Ts
+
+
+def _normal_equations(
+    arms: Float64[np.ndarray, "entries 3"],
+    group: Int64[np.ndarray, "entries"],
+    groups: int,
+    normal: Float64[np.ndarray, "entries 3"],
+    offset: Float64[np.ndarray, "entries 3"],
+    weight: Float64[np.ndarray, "entries"],
+) -> tuple[Float64[np.ndarray, "groups 6 6"], Float64[np.ndarray, "groups 6"]]:
+    """Hessian and gradient of each group's twist for plane distances and, lightly, point distances."""
+    jacobian = twist_jacobian(arms)
+    along = np.einsum("ni,nia->na", normal, jacobian)
+    rows = np.concatenate([along[:, None], np.sqrt(POINT_TO_POINT) * jacobian], axis=1)
+    residuals = np.concatenate(
+        [np.einsum("ni,ni->n", normal, offset)[:, None], np.sqrt(POINT_TO_POINT) * offset], axis=1
+    )
+    weighted = weight[:, None, None] * rows
+    hessian = np.matmul(weighted.transpose(0, 2, 1), rows).reshape(-1, 36)
+    gradient = np.einsum("nra,nr->na", weighted, residuals)
+    return _sum_groups(hessian, group, groups).reshape(-1, 6, 6), _sum_groups(gradient, group, groups)
+
+
+def _scaled_identity(hessian: Float64[np.ndarray, "groups 6 6"]) -> Float64[np.ndarray, "groups 6 6"]:
+    return np.eye(6) * (10.0 + np.trace(hessian, axis1=1, axis2=2) / 6)[:, None, None]
+
+
+def _robust_weight(distance: Float64[np.ndarray, "entries"], reach: float) -> Float64[np.ndarray, "entries"]:
+    """Geman-McClure: matches much farther apart than `reach` hardly count."""
+    return 1.0 / (1.0 + (distance / reach) ** 2) ** 2
+
+
+def _group_means(p: np.ndarray, group: np.ndarray, groups: int) -> Float64[np.ndarray, "groups 3"]:
+    counts = np.maximum(np.bincount(group, minlength=groups), 1)
+    return _sum_groups(p, group, groups) / counts[:, None]
+
+
+def _sum_groups(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
+    return np.stack([np.bincount(group, column, minlength=groups) for column in values.T], axis=1)
+
+
+def _moved(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    return np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]

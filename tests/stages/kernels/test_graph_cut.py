@@ -1,0 +1,48 @@
+from itertools import product
+
+import numpy as np
+import pytest
+
+from stages.kernels.graph_cut import expansion_move
+
+
+def energy(labels, unary, edges, smoothness):
+    return unary.sum() + smoothness * sum(labels[a] != labels[b] for a, b in edges)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_move_is_the_best_of_all_moves(seed):
+    rng = np.random.default_rng(seed)
+    count, smoothness = 9, 0.7
+    labels = rng.integers(0, 3, size=count)
+    edges = np.unique(np.sort(rng.integers(0, count, size=(16, 2)), axis=1), axis=0)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    nodes = np.sort(rng.choice(count, size=6, replace=False))
+    stay, switch = rng.uniform(0, 2, size=(2, 6))
+
+    def after(move):
+        moved = labels.copy()
+        moved[nodes[list(move)]] = 7
+        return energy(moved, np.where(move, switch, stay), edges, smoothness)
+
+    moves = [np.array(move) for move in product([False, True], repeat=6)]
+    best = min(after(move) for move in moves)
+    switches, gain = expansion_move(labels, 7, nodes, stay, switch, edges, smoothness)
+    assert after(switches) == pytest.approx(best, abs=0.02)
+    assert gain == pytest.approx(after(moves[0]) - after(switches), abs=1e-9)
+
+
+def test_nothing_moves_where_staying_is_free():
+    labels, nodes = np.zeros(4, dtype=int), np.arange(4)
+    edges = np.array([[0, 1], [1, 2], [2, 3]])
+    switches, gain = expansion_move(labels, 1, nodes, np.zeros(4), np.ones(4), edges, 1.0)
+    assert not switches.any()
+    assert gain == 0
+
+
+def test_smoothness_takes_a_dissenter_along():
+    labels, nodes = np.zeros(3, dtype=int), np.arange(3)
+    edges = np.array([[0, 1], [1, 2]])
+    stay, switch = np.array([2.0, 0.0, 2.0]), np.array([0.0, 0.5, 0.0])
+    assert expansion_move(labels, 1, nodes, stay, switch, edges, 1.0)[0].all()
+    assert not expansion_move(labels, 1, nodes, stay, switch, edges, 0.1)[0][1]
