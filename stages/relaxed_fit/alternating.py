@@ -17,6 +17,7 @@ from schemas.config import AlternatingConfig, RelaxedFitConfig
 from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
+from stages.flow.trajectories import follow_flow
 from stages.kernels.graph_cut import expansion_move
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import Registration
@@ -83,10 +84,9 @@ def solve_alternating(
     settings = config.alternating
     frames = [frame[farthest_points(frame, settings.points)] for frame in sequence.frames()]
     registration = Registration(frames, canonical_frame)
+    trajectories = follow_flow(registration.p, sequence, flow, canonical_frame, config.energy.flow_neighbours)
     problem = Problem(registration, surface_graph(registration.p), settings)
-    start = start_from_flow(
-        registration.p, sequence, flow, canonical_frame, settings.start_parts, config.energy.flow_neighbours
-    )
+    start = start_from_flow(registration.p, trajectories, settings.start_parts)
     parts = Parts(start.labels, start.Ts_frame_canonical)
     history = []
     for round_ in range(settings.rounds):
@@ -209,15 +209,15 @@ def split(parts: Parts, problem: Problem) -> Parts:
     along = problem.graph.distances(seeds, config.patch_points * registration.noise)
     nearest_first = np.argsort(along, axis=1, kind="stable")[:, : config.patch_points]
     reached = np.isfinite(np.take_along_axis(along, nearest_first, axis=1))
-    index, group = nearest_first[reached], np.nonzero(reached)[0]
-    Ts = registration.refine_groups(index, group, parts.Ts[:, parts.labels[seeds]], config.patch_iterations, REACH)
-    saved = problem.point_costs(parts)[index] - registration.cost(index, group, Ts, config.truncation)
-    savings = np.bincount(group, saved, minlength=len(seeds))
+    index, patch = nearest_first[reached], np.nonzero(reached)[0]
+    Ts = registration.refine_groups(index, patch, parts.Ts[:, parts.labels[seeds]], config.patch_iterations, REACH)
+    saved = problem.point_costs(parts)[index] - registration.cost(index, patch, Ts, config.truncation)
+    savings = np.bincount(patch, saved, minlength=len(seeds))
     around = 4.0 * np.sqrt(config.patch_points) * registration.noise
-    for patch in np.argsort(-savings, kind="stable"):
-        if savings[patch] < 0.3 * config.part_price:
+    for seed in np.argsort(-savings, kind="stable"):
+        if savings[seed] < 0.3 * config.part_price:
             break
-        parts = _try_part(parts, Ts[:, patch : patch + 1], np.flatnonzero(along[patch] < around), problem)
+        parts = _try_part(parts, Ts[:, seed : seed + 1], np.flatnonzero(along[seed] < around), problem)
     return parts.compact()
 
 

@@ -15,6 +15,7 @@ from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.energy import ReconstructionEnergy
+from stages.flow.trajectories import follow_flow
 from stages.kernels import se3
 from stages.progress import Progress
 from stages.relaxed_fit.start import Start, start_from_flow
@@ -129,9 +130,8 @@ def _start(
 ) -> Start:
     settings: GumbelConfig = config.gumbel
     if settings.start == "flow":
-        return start_from_flow(
-            p_canonical, sequence, flow, canonical_frame, settings.max_parts, config.energy.flow_neighbours
-        )
+        trajectories = follow_flow(p_canonical, sequence, flow, canonical_frame, config.energy.flow_neighbours)
+        return start_from_flow(p_canonical, trajectories, settings.max_parts)
     still = np.tile(np.eye(4), (sequence.frame_count, settings.max_parts, 1, 1))
     return Start(np.empty(0, dtype=np.int64), still)
 

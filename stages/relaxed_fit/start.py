@@ -7,9 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from schemas.flow import Flow
-from schemas.sequence import PointSequence
-from stages.flow.trajectories import follow_flow
 from stages.kernels.nearest import KDTree, nearest, neighbours
 from stages.kernels.rigid_clustering import merge_rigid_clusters, moments, rigid_motion
 from stages.kernels.sampling import farthest_points
@@ -28,18 +25,14 @@ class Start:
 
 def start_from_flow(
     p_canonical: Float64[np.ndarray, "points 3"],
-    sequence: PointSequence,
-    flow: Flow,
-    canonical_frame: int,
+    trajectories: Float64[np.ndarray, "frames points 3"],
     max_parts: int,
-    flow_neighbours: int,
 ) -> Start:
     """Cluster the points' trajectories along the flow into at most `max_parts` rigid parts.
 
     Small patches of the surface merge greedily, touching ones only, at the price of the rigid residual
     that their union adds.
     """
-    trajectories = follow_flow(p_canonical, sequence, flow, canonical_frame, flow_neighbours)
     seeds = farthest_points(p_canonical, min(SEEDS_PER_PART * max_parts, max(1, len(p_canonical) // 6)))
     patch = nearest(KDTree(p_canonical[seeds]), p_canonical)[1]
     near = neighbours(p_canonical, SURFACE_NEIGHBOURS)[1]

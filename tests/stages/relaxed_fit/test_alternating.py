@@ -12,9 +12,9 @@ SETTINGS = AlternatingConfig(points=400, start_parts=6, rounds=4, closing_rounds
 CONFIG = RelaxedFitConfig(solver="alternating", alternating=SETTINGS)
 
 
-def problem_of(truth):
+def problem_of(truth, settings=SETTINGS):
     registration = Registration(truth.sequence.frames(), 2)
-    return Problem(registration, surface_graph(registration.p), SETTINGS)
+    return Problem(registration, surface_graph(registration.p), settings)
 
 
 def true_parts(truth):
@@ -77,10 +77,7 @@ def test_specks_are_absorbed(hinge):
     labels = hinge.canonical_labels.copy()
     labels[0] = 1
     settings = SETTINGS.model_copy(update={"min_part_share": 0.01})
-    problem = problem_of(hinge)
-    cleaned = absorb_specks(
-        Parts(labels, hinge.Ts_frame_canonical), Problem(problem.registration, problem.graph, settings)
-    )
+    cleaned = absorb_specks(Parts(labels, hinge.Ts_frame_canonical), problem_of(hinge, settings))
     np.testing.assert_array_equal(cleaned.labels, hinge.canonical_labels)
 
 

@@ -4,6 +4,7 @@ import torch
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import RelaxedFitConfig
+from stages.flow.trajectories import follow_flow
 from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.gumbel import _cosine, _straight_through_labels
 from stages.relaxed_fit.start import start_from_flow
@@ -11,7 +12,7 @@ from stages.relaxed_fit.start import start_from_flow
 
 def config(**gumbel):
     settings = {"max_parts": 4, "iterations": 60, "points": 300, "hidden": 64} | gumbel
-    return RelaxedFitConfig.model_validate({"gumbel": settings, "energy": {"neighbours_every": 5}})
+    return RelaxedFitConfig.model_validate({"solver": "gumbel", "gumbel": settings, "energy": {"neighbours_every": 5}})
 
 
 def fit(truth, seed=0, **gumbel):
@@ -61,7 +62,8 @@ def test_same_seed_same_model_other_seed_other_model(hinge):
 
 def test_start_from_true_flow_is_nearly_the_answer(two_part_object):
     p = two_part_object.sequence.frames()[2]
-    start = start_from_flow(p, two_part_object.sequence, two_part_object.true_flow(), 2, 2, 1)
+    trajectories = follow_flow(p, two_part_object.sequence, two_part_object.true_flow(), 2, 1)
+    start = start_from_flow(p, trajectories, 2)
     assert adjusted_rand_score(two_part_object.canonical_labels, start.labels) > 0.9
 
 
