@@ -121,7 +121,7 @@ class AlternatingConfig(Schema):
 class RelaxedFitConfig(Schema):
     """The relaxed fit of one candidate canonical frame."""
 
-    solver: str = Field(default="alternating", description="registered name or package.module:function")
+    solver: str = Field(default="gumbel", description="registered name or package.module:function")
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
     alternating: AlternatingConfig = AlternatingConfig()
