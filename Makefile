@@ -18,9 +18,9 @@ help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 # make hands the settings on in the environment, so that the shell need not quote them anew.
-run: $(READY) ## Fit a data set: DATASET=roboart [SEQUENCES=a,b] [WORKERS=N] [DATA=DIR] [WORKDIR=DIR] [ARGS=...]
+run: $(READY) ## Fit a data set: DATASET=roboart [SEQUENCES=a,b] [WORKERS=N] [DATA=DIR] [ASSETS=DIR] [WORKDIR=DIR] [ARGS=...]
 	@$(BIN)/reart run --dataset "$$DATASET" $(if $(SEQUENCES),--sequences "$$SEQUENCES") $(if $(WORKERS),--workers "$$WORKERS") \
-	    $(if $(DATA),--data "$$DATA") $(if $(WORKDIR),--workdir "$$WORKDIR") $(ARGS)
+	    $(if $(DATA),--data "$$DATA") $(if $(ASSETS),--assets "$$ASSETS") $(if $(WORKDIR),--workdir "$$WORKDIR") $(ARGS)
 
 test: $(READY) ## Run the tests [PYTEST_ARGS=...]
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_ARGS)

@@ -26,6 +26,7 @@ class Outcome:
     folder: Path
     planned: dict[tuple[str, str], Path] = field(default_factory=dict)
     failures: dict[tuple[str, str], Event] = field(default_factory=dict)
+    unavailable: dict[str, str] = field(default_factory=dict)
     refused: str = ""
     died: str = ""
 
@@ -34,6 +35,8 @@ class Outcome:
             self.planned[event.sequence, event.task] = self.folder / event.sequence / event.artifact
         elif event.kind == "failed":
             self.failures[event.sequence, event.task] = event
+        elif event.kind == "warning" and not event.artifact:
+            self.unavailable[event.sequence] = event.message
         elif event.kind == "refused":
             self.refused = event.message
 

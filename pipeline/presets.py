@@ -16,7 +16,8 @@ from schemas.config import PipelineConfig
 from schemas.errors import InputError
 
 FOLDER = Path(__file__).parent / "presets"
-DATASETS = ("roboart", "sapien", "scans")  # presets that say where sequences come from
+# presets that say where sequences come from; roboart-noisy and the like add to roboart
+DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "sapien", "scans")
 
 
 def load_config(presets: Sequence[str], overrides: Iterable[str] = ()) -> PipelineConfig:

@@ -21,7 +21,7 @@ from pipeline.isolated_luigi import luigi
 from pipeline.keys import artifact_key, canonical_json
 from pipeline.logs import captured
 from pipeline.plugins import own_code
-from pipeline.processes import die_with_forking_parent
+from pipeline.processes import die_with_forking_parent, peak_memory_mib
 from pipeline.protocol import Event, Report, ignore
 from schemas.artifact import Artifact
 from schemas.config import PipelineConfig
@@ -190,7 +190,8 @@ class StageTask(luigi.Task):
             seed=config.seed,
             created=datetime.now(UTC),
             seconds={"read": read - start, "compute": computed - read},
-            packages=_package_versions(),
+            peak_memory_mib=peak_memory_mib(),
+            packages=package_versions(),
         )
         store.publish(
             self.directory, output, provenance, self.files(output), replaces=self.job.replaces.get(self.directory)
@@ -229,7 +230,8 @@ def _one_line(error: BaseException) -> str:
     return text if isinstance(error, InputError | store.CorruptArtifactError) else f"{type(error).__name__}: {text}"
 
 
-def _package_versions() -> dict[str, str]:
+def package_versions() -> dict[str, str]:
+    """The versions of Python and of the packages that matter."""
     versions = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

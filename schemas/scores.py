@@ -18,7 +18,7 @@ Verdict = Literal["better", "worse", "same"]
 
 @dataclass(frozen=True)
 class Measure:
-    """How a figure is shown, and which direction is better."""
+    """How a figure is shown, and which direction is better. One decimal is for the means of whole numbers."""
 
     title: str
     unit: str = ""
@@ -33,14 +33,14 @@ class Figures(Schema):
     weighs as much as one joint.
     """
 
-    parts_found: Annotated[float | None, Measure("parts", decimals=0)] = None
-    parts_true: Annotated[float | None, Measure("true parts", decimals=0)] = None
-    parts_off: Annotated[float | None, Measure("parts off", decimals=0, better="lower")] = Field(
+    parts_found: Annotated[float | None, Measure("parts", decimals=1)] = None
+    parts_true: Annotated[float | None, Measure("true parts", decimals=1)] = None
+    parts_off: Annotated[float | None, Measure("parts off", decimals=1, better="lower")] = Field(
         default=None, description="|found - true|"
     )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
     ri: Annotated[float | None, Measure("RI", better="higher")] = None
-    tree_edit_distance: Annotated[float | None, Measure("TED", decimals=0, better="lower")] = None
+    tree_edit_distance: Annotated[float | None, Measure("TED", decimals=1, better="lower")] = None
     recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None
     recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
     epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
@@ -50,10 +50,10 @@ class Figures(Schema):
     reanimation_cm: Annotated[float | None, Measure("reanim.", "cm", better="lower")] = None
     reanimation_percent: Annotated[float | None, Measure("reanim.", "%", better="lower")] = None
     chamfer_percent: Annotated[float | None, Measure("Chamfer", "%", better="lower")] = None
-    joints_found: Annotated[float | None, Measure("joints", decimals=0, better="higher")] = Field(
+    joints_found: Annotated[float | None, Measure("joints", decimals=1, better="higher")] = Field(
         default=None, description="true joints that a predicted joint was matched to"
     )
-    joints_true: Annotated[float | None, Measure("true joints", decimals=0)] = None
+    joints_true: Annotated[float | None, Measure("true joints", decimals=1)] = None
     axis_angle_deg: Annotated[float | None, Measure("axis angle", "deg", 2, "lower")] = Field(
         default=None, description="median over the matched joints"
     )
@@ -63,7 +63,7 @@ class Figures(Schema):
     joint_type_accuracy: Annotated[float | None, Measure("joint types", better="higher")] = Field(
         default=None, description="share of the matched joints whose type is right"
     )
-    seconds: Annotated[float | None, Measure("time", "s", 1, "lower")] = Field(
+    seconds: Annotated[float | None, Measure("time", "s", 0, "lower")] = Field(
         default=None, description="of all stages"
     )
     peak_memory_mib: Annotated[float | None, Measure("memory", "MiB", 0, "lower")] = Field(
@@ -155,6 +155,7 @@ class Comparison(Schema):
     """What got better or worse between two evaluations; means are over the sequences that both have."""
 
     before: str = Field(description="where the earlier evaluation was read")
+    settings: tuple[str, ...] = Field(description="the settings that differ, as `name: before -> after`")
     sequences: tuple[ComparedFigures, ...]
     mean: ComparedFigures | None = Field(description="None where no sequence is in both")
     only_before: tuple[str, ...]

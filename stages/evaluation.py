@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from pykdtree.kdtree import KDTree
-from scipy.optimize import linear_sum_assignment
 from sklearn.metrics import adjusted_rand_score, rand_score
 
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
+from stages.kernels.matching import match_parts
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
 from stages.rearticulation import rearticulate
 
@@ -115,14 +115,6 @@ def joint_errors(
         else:
             errors.append(JointMetrics(name=true.name, true_type=true.type, predicted_type=None))
     return tuple(errors)
-
-
-def match_parts(labels: Int64[np.ndarray, "points"], labels_true: Int64[np.ndarray, "points"]) -> dict[int, int]:
-    """The predicted part of each true part, one to one, such that most points are in matched parts."""
-    overlap = np.zeros((labels_true.max() + 1, labels.max() + 1), dtype=np.int64)
-    np.add.at(overlap, (labels_true, labels), 1)
-    pairs = zip(*(index.tolist() for index in linear_sum_assignment(-overlap)), strict=True)
-    return {true: predicted for true, predicted in pairs if overlap[true, predicted] > 0}
 
 
 def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTruth, true: TrueJoint) -> JointMetrics:

@@ -10,38 +10,57 @@ matplotlib.use("Agg")  # no screen is needed, nor looked for
 
 import networkx as nx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from schemas.model_file import ModelFile, Result
+from stages.kernels.matching import match_parts
 
 AXIS_LENGTH = 0.12  # half length of a drawn joint axis, as a share of the diagonal
 JOINT_MARKS = {"revolute": "R", "prismatic": "P", "spherical": "S"}
 
 
-def draw(result: Result) -> Figure:
-    """The model on one sheet: canonical input, parts and axes, the farthest frame as posed by the model, tree."""
+def draw(result: Result, labels_true: Int64[np.ndarray, "points"] | None = None) -> Figure:
+    """The model on one sheet: canonical input, parts and axes, the farthest frame as posed by the model, tree.
+
+    With the true labels of the canonical points, the true parts stand beside the predicted ones; a true part has the
+    colour of the predicted part that it is matched to.
+    """
     p = result.canonical_points.astype(np.float64)
     colours = part_colours(len(result.model.parts))[result.labels]
-    figure = Figure(figsize=(16, 4), layout="constrained")
     bounds = p.mean(axis=0), np.ptp(p, axis=0).max() / 2
     T_points = result.T_frame_canonical[:, result.labels]
     posed = np.einsum("tnij,nj->tni", T_points[..., :3, :3], p) + T_points[..., :3, 3]
     frame = int(np.linalg.norm(posed - p, axis=-1).mean(axis=1).argmax())
-    panels = (
+    panels = [
         (p, "#777777", f"input, frame {result.model.canonical_frame} (canonical)"),
         (p, colours, f"{len(result.model.parts)} parts, {len(result.model.joints)} joints"),
         (posed[frame], colours, f"the model posed as in frame {frame}"),
-    )
+    ]
+    if labels_true is not None:
+        true_parts = (p, true_colours(result.labels, labels_true), f"{len(np.unique(labels_true))} true parts")
+        panels.insert(2, true_parts)
+    count = len(panels) + 1
+    figure = Figure(figsize=(4 * count, 4), layout="constrained")
     for column, (points, colour, title) in enumerate(panels):
-        axes = cast(Axes3D, figure.add_subplot(1, 4, column + 1, projection="3d"))
+        axes = cast(Axes3D, figure.add_subplot(1, count, column + 1, projection="3d"))
         _scatter(axes, points, colour, title, bounds)
         if column == 1:
             _joint_axes(axes, result, 2 * AXIS_LENGTH * bounds[1])
-    _tree(figure.add_subplot(1, 4, 4), result.model)
+    _tree(figure.add_subplot(1, count, count), result.model)
     return figure
+
+
+def true_colours(
+    labels: Int64[np.ndarray, "points"], labels_true: Int64[np.ndarray, "points"]
+) -> Float[np.ndarray, "points 3"]:
+    """The colour of each point's true part: its predicted part's, or one of its own where it has none."""
+    matched = match_parts(labels, labels_true)
+    own = len(np.unique(labels)) + np.arange(labels_true.max() + 1)
+    colour_of = np.array([matched.get(part, own[part]) for part in range(len(own))])
+    return part_colours(int(colour_of.max()) + 1)[colour_of[labels_true]]
 
 
 def part_colours(count: int) -> Float[np.ndarray, "parts 3"]:

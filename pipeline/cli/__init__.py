@@ -8,6 +8,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from pipeline.cli.evaluate import evaluate
 from pipeline.cli.figure import figure
 from pipeline.cli.fit import fit
 from pipeline.cli.inspect import inspect
@@ -46,5 +47,5 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="From a sequence of point clouds of any articulated object to a model that moves again.",
 )
-for command in (fit, run, status, inspect, rerun, figure):
+for command in (fit, run, evaluate, status, inspect, rerun, figure):
     app.command()(command)

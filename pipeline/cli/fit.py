@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import Annotated
@@ -22,8 +21,9 @@ from pipeline.cli.options import (
     screen,
     writable_folder,
 )
-from pipeline.cli.run import show_metrics
+from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
+from pipeline.files import write_atomically
 from pipeline.launch import Outcome
 from pipeline.protocol import Request
 from schemas.metrics import Metrics
@@ -67,7 +67,7 @@ def fit(
     outcome = follow(request, console)
     if outcome.exit_code() == 0:
         deliver(outcome, out)
-        summarise(outcome, out, time.perf_counter() - start, console)
+        summarise(request, outcome, out, time.perf_counter() - start, console)
     name_failures(outcome)
     raise typer.Exit(outcome.exit_code())
 
@@ -90,18 +90,11 @@ def deliver(outcome: Outcome, out: Path) -> None:
         (out / "metrics.json").unlink(missing_ok=True)  # an earlier fit's
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write beside `path`, then rename: a reader sees the old content or the new, never half of it."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)
-
-
-def summarise(outcome: Outcome, out: Path, seconds: float, console: Console) -> None:
+def summarise(request: Request, outcome: Outcome, out: Path, seconds: float, console: Console) -> None:
     """Say what was found, how well it fits, and where it is."""
     console.print(model_table(ModelFile.model_validate_json((out / "model.json").read_bytes())))
     energies = store.read_manifest(directory_of(outcome, "final_fit")).payload["energies"]
     console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
-    show_metrics(outcome, console)
+    show(evaluation_of(request, outcome), console)
     written = [out / file for file in ("model.json", "model.npz", "metrics.json") if (out / file).exists()]
     console.print(f"written in {seconds:.1f} s: {', '.join(map(str, written))}", soft_wrap=True)

@@ -24,9 +24,17 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-DatasetOption = Annotated[str, typer.Option(help="The data set: roboart, sapien or scans.")]
+DatasetOption = Annotated[str, typer.Option(help=f"The data set: {', '.join(DATASETS)}.")]
 WorkdirOption = Annotated[Path, typer.Option(help="Where artifacts are kept.")]
-DataOption = Annotated[Path | None, typer.Option(help="The folder of sequences, where the data set is files.")]
+DataOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--data",
+        "--assets",
+        help="The folder of sequences, where the data set is files; for roboart the folder of robot descriptions.",
+    ),
+]
+SequencesOption = Annotated[str | None, typer.Option(help="Only these, as in `bolt,ur5`; default: all.")]
 PresetOption = Annotated[str | None, typer.Option(help="Further settings: `paper`, or the path of a .toml file.")]
 SetOption = Annotated[
     list[str],
@@ -54,8 +62,14 @@ def dataset_config(dataset: str, preset: str | None, settings: list[str], seed: 
     """The configuration for a data set. Raises InputError."""
     if dataset not in DATASETS:
         raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
-    presets = [dataset] if preset is None else [dataset, preset]
-    return load_config(presets, settings if seed is None else [f"seed={seed}", *settings])
+    source = dataset.partition("-")[0]
+    presets = dict.fromkeys(name for name in (source, dataset, preset) if name is not None)
+    return load_config(list(presets), settings if seed is None else [f"seed={seed}", *settings])
+
+
+def sequence_names(sequences: str | None) -> tuple[str, ...] | None:
+    """The names in `a,b`; None for all."""
+    return None if sequences is None else tuple(name.strip() for name in sequences.split(",") if name.strip())
 
 
 def writable_folder(folder: Path, option: str) -> Path:
@@ -74,7 +88,7 @@ def writable_folder(folder: Path, option: str) -> Path:
 
 def follow(request: Request, console: Console) -> launch.Outcome:
     """Run the engine and show what it does. Raises InputError where it refuses the request."""
-    with RunDisplay(console) as display:
+    with RunDisplay(console, request.workers) as display:
         outcome = launch.run(request, display)
     if outcome.refused:
         raise InputError(outcome.refused)

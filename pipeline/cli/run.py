@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from pipeline import store
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
     PresetOption,
     SeedOption,
+    SequencesOption,
     SetOption,
     WorkdirOption,
     WorkersOption,
@@ -21,18 +20,20 @@ from pipeline.cli.options import (
     follow,
     name_failures,
     screen,
+    sequence_names,
     writable_folder,
 )
-from pipeline.cli.tables import metrics_table
+from pipeline.cli.tables import screen_table
 from pipeline.launch import Outcome
 from pipeline.protocol import Request
-from schemas.metrics import Metrics
+from pipeline.report_tables import brief_tables
+from schemas.scores import MissingScore, Scores
 
 
 def run(
     *,
     dataset: DatasetOption,
-    sequences: Annotated[str | None, typer.Option(help="Only these, as in `bolt,ur5`; default: all.")] = None,
+    sequences: SequencesOption = None,
     data: DataOption = None,
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
@@ -41,6 +42,8 @@ def run(
     settings: SetOption,
 ) -> None:
     """Fit a model to every sequence of a data set. What is complete is not computed again.
+
+    Ends with the evaluation of these sequences, as `reart evaluate` writes it, in WORKDIR/DATASET/evaluation.
 
     Examples:
 
@@ -53,29 +56,44 @@ def run(
         workdir=writable_folder(workdir, "--workdir"),
         config=dataset_config(dataset, preset, settings, seed),
         data=data,
-        sequences=None if sequences is None else tuple(name.strip() for name in sequences.split(",") if name.strip()),
+        sequences=sequence_names(sequences),
         workers=workers,
     )
-    finish(request)
+    finish(request, write=True)
 
 
-def finish(request: Request) -> None:
-    """Run a request to its end, show the metrics of what is complete, and exit."""
+def finish(request: Request, write: bool = False) -> None:
+    """Run a request to its end, show the evaluation of what is complete, and exit; `write` its files too."""
     console = screen()
     outcome = follow(request, console)
-    show_metrics(outcome, console)
+    if outcome.planned:
+        scores = evaluation_of(request, outcome)
+        show(scores, console)
+        if write:
+            from pipeline.evaluation_files import default_folder, write_evaluation
+
+            folder = default_folder(request)
+            write_evaluation(scores, request.workdir, folder)
+            console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
     name_failures(outcome)
     raise typer.Exit(outcome.exit_code())
 
 
-def show_metrics(outcome: Outcome, console: Console) -> None:
-    """A line for every complete sequence; seconds are those spent on all its stages."""
-    metrics, seconds = {}, {}
-    incomplete = {sequence for sequence, _ in outcome.incomplete()}
-    for (sequence, task), directory in outcome.planned.items():
-        if task == "evaluation" and sequence not in incomplete:
-            metrics[sequence] = store.read(directory, Metrics)
-            stages = [path for (name, _), path in outcome.planned.items() if name == sequence]
-            seconds[sequence] = sum(sum(store.read_manifest(path).seconds.values()) for path in stages)
-    if metrics:
-        console.print(metrics_table(metrics, seconds))
+def evaluation_of(request: Request, outcome: Outcome) -> Scores:
+    """The evaluation of what a run was to make; what it could not get is not sought once more."""
+    from pipeline.scores import gather
+
+    sought = dict.fromkeys(sequence for sequence, _ in (*outcome.planned, *outcome.failures))
+    only = {"rerun": None} if request.frames else {"rerun": None, "sequences": tuple(sought)}
+    scores = gather(request.model_copy(update=only))
+    unavailable = tuple(
+        MissingScore(sequence=name, state="unavailable", message=message)
+        for name, message in outcome.unavailable.items()
+    )
+    return scores.model_copy(update={"missing": scores.missing + unavailable})
+
+
+def show(scores: Scores, console: Console) -> None:
+    """The tables for the screen, where there is anything to show."""
+    for table in brief_tables(scores):
+        console.print(screen_table(table))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
-from schemas.metrics import Metrics
+from pipeline import report_tables
 from schemas.model_file import ModelFile
 
 LENGTH_NAMES = {"metre": "m", "centimetre": "cm", "millimetre": "mm", "unknown": "input units"}
-CENTIMETRES = {"metre": 100.0, "centimetre": 1.0, "millimetre": 0.1}
+COLOURS = {"better": "green", "worse": "red"}
 
 
 def model_table(model: ModelFile) -> Table:
@@ -29,36 +29,20 @@ def model_table(model: ModelFile) -> Table:
     return table
 
 
-def metrics_table(metrics: Mapping[str, Metrics], seconds: Mapping[str, float]) -> Table:
-    """A line a sequence; lengths in centimetres where the unit is known, else in % of the diagonal."""
-    names = ("ARI", "RI", "TED", "recon", "EPE", "acc5", "acc10", "reanimation", "Chamfer", "seconds")
-    table = Table("sequence", "parts")
-    for name in names:
-        table.add_column(name, justify="right")
-    for sequence, m in metrics.items():
-        scale = CENTIMETRES.get(m.units)
-        table.add_row(
-            sequence,
-            f"{m.parts_found}" if m.parts_true is None else f"{m.parts_found}/{m.parts_true}",
-            _number(m.ari),
-            _number(m.ri),
-            "-" if m.tree_edit_distance is None else str(m.tree_edit_distance),
-            _length(m.recon, m.recon_percent, scale),
-            _length(m.epe, m.epe_percent, scale),
-            _number(m.acc5),
-            _number(m.acc10),
-            _length(m.reanimation, m.reanimation_percent, scale),
-            f"{m.chamfer_percent:.3f} %",
-            f"{seconds[sequence]:.0f}",
-        )
-    return table
+def screen_table(table: report_tables.Table) -> Table:
+    """A table of the report for the screen; a line parts its sections."""
+    shown = Table(table.columns[0], title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for title in table.columns[1:]:
+        shown.add_column(title, justify="left" if table.words else "right")
+    section = ""
+    for row in table.rows:
+        if row.section != section:
+            shown.add_section()
+            section = row.section
+        shown.add_row(escape(row.name), *map(_coloured, row.cells))
+    return shown
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
-
-
-def _length(value: float | None, percent: float | None, centimetres: float | None) -> str:
-    if value is None or percent is None:
-        return "-"
-    return f"{percent:.3f} %" if centimetres is None else f"{value * centimetres:.3f} cm"
+def _coloured(cell: report_tables.Cell) -> str:
+    colour = COLOURS.get(cell.tone)
+    return f"[{colour}]{escape(cell.text)}[/]" if colour else escape(cell.text)

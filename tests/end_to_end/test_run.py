@@ -47,10 +47,24 @@ def test_a_run_ends_with_the_metrics_of_what_was_finished(finished):
     assert f"{metrics['ari']:.3f}" in table
 
 
-def test_nothing_is_left_over_but_artifacts_logs_and_failures(finished):
+def test_a_run_leaves_the_evaluation_that_evaluate_makes_of_it(finished, copy):
+    written = json.loads((finished.workdir / "scans" / "evaluation" / "evaluation.json").read_text())
+    assert [score["sequence"] for score in written["sequences"]] == ["box"]
+    assert [entry["sequence"] for entry in written["missing"]] == ["flat"]
+    [picture] = (finished.workdir / "scans" / "evaluation" / "sequences").glob("*.png")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    outcome = copy.reart("evaluate", "--dataset", "scans", "--data", "data", "--json")
+    assert outcome.returncode == 1
+    assert outcome.stderr.startswith("flat failed: ingest: data/flat/frame_1.npy")
+    again = json.loads(outcome.stdout)
+    assert again | {"created": None} == written | {"created": None}
+
+
+def test_nothing_is_left_over_but_artifacts_logs_failures_and_the_evaluation(finished):
     assert finished.hidden() == []
     for path in (finished.workdir / "scans").glob("*/*"):
-        assert (path / "manifest.json").exists() or path.suffix == ".log" or path.name.endswith(".failed.json")
+        known = (path / "manifest.json").exists() or path.suffix == ".log" or path.name.endswith(".failed.json")
+        assert known or path.parent.name == "evaluation"
 
 
 def test_status_tells_done_and_failed_and_why(finished):

@@ -1,10 +1,11 @@
-"""A pipeline of three tiny stages that stands in for the real one."""
+"""A pipeline of three tiny stages that stands in for the real one, and finished artifacts of two robots."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +13,18 @@ import numpy as np
 import pytest
 from jaxtyping import Float64
 
+from pipeline import store
 from pipeline.isolated_luigi import luigi
-from pipeline.protocol import Event
-from pipeline.task import Job, StageTask
+from pipeline.plan import plan
+from pipeline.presets import load_config
+from pipeline.protocol import Event, Request
+from pipeline.task import Job, StageTask, upstream_first
+from pipeline.tasks import final_tasks
 from schemas.artifact import Artifact, Unit
 from schemas.config import PipelineConfig
-from schemas.errors import InputError
+from schemas.errors import InputError, UnavailableError
+from schemas.manifest import Provenance
+from stages.ingest.sources import RoboartSource
 
 
 class Numbers(Artifact):
@@ -113,3 +120,74 @@ def tiny(tmp_path: Path) -> TinyPipeline:
 @pytest.fixture
 def number_source() -> Callable[..., NumberSource]:
     return NumberSource
+
+
+@dataclass(frozen=True)
+class EvaluatedRobots:
+    """A working directory with finished artifacts of some robots, as a run leaves them; nothing was computed."""
+
+    workdir: Path
+    samples: dict[str, Artifact]
+    config: PipelineConfig
+    lacked: set[str] = field(default_factory=set)  # robots without a description
+
+    def request(self, *sequences: str) -> Request:
+        return Request(
+            dataset="roboart", workdir=self.workdir, config=self.config, sequences=sequences or ("bolt", "ur5")
+        )
+
+    def job(self, robot: str) -> Job:
+        [job] = plan(self.request(robot))
+        return job
+
+    def finish(self, robot: str, **figures: float) -> None:
+        """Publish every artifact of a robot: each stage took 3.5 seconds and 100 MiB, a later one of it more."""
+        artifacts = {
+            "ingest": self.samples["ingested"],
+            "result": self.samples["result"].replace(
+                canonical_points=np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32),
+                labels=np.array([0, 0, 1, 1, 1]),
+            ),
+            "evaluation": self.samples["metrics"].replace(parts_true=4, **figures),
+        }
+        for task in upstream_first(final_tasks(self.job(robot))):
+            provenance = Provenance(
+                stage=task.stage,
+                version=task.version,
+                dataset="roboart",
+                sequence=robot,
+                key=task.key,
+                parameters=task.parameters(),
+                config={},
+                upstream=task.upstream_keys(),
+                seed=0,
+                created=datetime.now(UTC),
+                seconds={"read": 0.5, "compute": 3.0},
+                peak_memory_mib=100 + task.parameters().get("candidate", 0),
+                packages={},
+            )
+            store.publish(task.directory, artifacts.get(task.stage, Numbers(values=np.zeros(1))), provenance)
+
+
+@pytest.fixture
+def evaluated(tmp_path: Path, samples: dict[str, Artifact], monkeypatch: pytest.MonkeyPatch) -> EvaluatedRobots:
+    """Two evaluated robots: bolt with an ARI of 0.9 and ur5 with one of 0.5. No description of theirs is needed."""
+    robots = EvaluatedRobots(tmp_path / "workdir", samples, load_config(["roboart"]))
+
+    def digest(source: RoboartSource) -> str:
+        if source.robot in robots.lacked:
+            raise UnavailableError(f"robot {source.robot!r}: found no URDF, expected one; put one somewhere")
+        return source.name
+
+    monkeypatch.setattr(RoboartSource, "digest", digest)
+    robots.finish("bolt", ari=0.9, recon=0.005, recon_percent=0.3)
+    robots.finish("ur5", ari=0.5)
+    return robots
+
+
+@pytest.fixture
+def scan_request(tmp_path: Path) -> Request:
+    """One sequence of files, of which nothing was computed."""
+    (tmp_path / "data" / "box").mkdir(parents=True)
+    np.save(tmp_path / "data" / "box" / "0.npy", np.zeros((40, 3)))
+    return Request(dataset="scans", workdir=tmp_path / "workdir", config=load_config(["scans"]), data=tmp_path / "data")

@@ -3,7 +3,7 @@ import io
 import pytest
 from rich.console import Console
 
-from pipeline.display import RunDisplay
+from pipeline.display import RunDisplay, time_left
 from pipeline.protocol import Event
 
 EVENTS = [
@@ -40,6 +40,30 @@ def test_without_a_terminal_each_finished_stage_is_one_line(show):
         "1/2  box  relaxed_fit[0]  1.2 s",
         "2/2  box  final_fit  failed",
     ]
+
+
+def test_once_every_pending_stage_was_seen_a_line_tells_the_time_left(show):
+    planned = [Event(kind="planned", sequence=name, task="flow") for name in "abc"]
+    done = [
+        Event(kind="started", sequence="a", task="flow", artifact="flow-0"),
+        Event(kind="finished", sequence="a", task="flow", artifact="flow-0", seconds=600),
+    ]
+    assert show(planned + done, terminal=False).splitlines() == ["1/3  a  flow  600.0 s  about 20 min left"]
+    assert "all stages" in show(planned + done, terminal=True)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (None, ""),
+        (0.0, ""),
+        (20, "less than a minute left"),
+        (100, "about 2 min left"),
+        (3659, "about 1 h 01 min left"),
+    ],
+)
+def test_time_left_is_told_as_exactly_as_an_estimate_is(seconds, words):
+    assert time_left(seconds) == words
 
 
 def test_on_a_terminal_a_running_stage_has_a_bar_with_its_energy(show):

@@ -26,6 +26,7 @@ def test_a_task_publishes_what_it_computed_and_where_it_came_from(tiny):
     assert manifest.upstream == {name: task.key for name, task in last.requires().items()}
     assert (manifest.seed, manifest.config["merging"]["threshold"]) == (3, MergingConfig().threshold)
     assert set(manifest.seconds) == {"read", "compute"}
+    assert 10 < manifest.peak_memory_mib < 100_000
     assert {"python", "numpy", "zarr"} <= set(manifest.packages)
     assert "model.json" in manifest.files
 

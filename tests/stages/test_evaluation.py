@@ -12,7 +12,7 @@ from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation import chamfer_distance, evaluate, line_distance, match_parts
+from stages.evaluation import chamfer_distance, evaluate, line_distance
 
 FRAMES, PER_PART, CANONICAL = 5, 60, 3
 PARENT = [-1, 0, 1, 0]
@@ -349,12 +349,6 @@ def test_chamfer_distance_equals_its_naive_twin() -> None:
         for p, q in zip(predicted, frames, strict=True)
     ]
     assert chamfer_distance(predicted, frames) == pytest.approx(np.mean(naive))
-
-
-def test_parts_are_matched_one_to_one_by_their_overlap() -> None:
-    labels_true = np.repeat([0, 1, 2], [10, 10, 5])
-    labels = np.repeat([4, 7, 4, 7], [10, 6, 4, 5])  # predicted 7 covers true 1 best, and all of true 2
-    assert match_parts(labels, labels_true) == {0: 4, 1: 7}
 
 
 @pytest.mark.parametrize(

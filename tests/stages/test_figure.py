@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
-from stages.figure import draw, part_colours, tree_layout
+from stages.figure import draw, part_colours, tree_layout, true_colours
 from stages.final_fit import fit_final
 from stages.projection import link_parts
 from stages.result import to_result
@@ -52,3 +52,18 @@ def test_parents_stand_above_the_middle_of_their_children():
     assert layout[2][0] == pytest.approx((layout[3][0] + layout[4][0]) / 2)
     assert layout[0][1] > layout[1][1] == layout[2][1] > layout[3][1]
     assert len({place for place in layout.values()}) == 5
+
+
+def test_true_parts_stand_beside_the_predicted_ones_in_their_colours(result):
+    labels_true = 1 - result.labels  # the same parts by other numbers
+    figure = draw(result, labels_true)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert (len(titles), titles[2]) == (5, "2 true parts")
+    np.testing.assert_array_equal(true_colours(result.labels, labels_true), part_colours(2)[result.labels])
+
+
+def test_a_true_part_that_was_not_found_has_a_colour_of_its_own():
+    labels, labels_true = np.array([0, 0, 0, 1]), np.array([0, 0, 2, 1])
+    colours = true_colours(labels, labels_true)
+    np.testing.assert_array_equal(colours[[0, 3]], part_colours(2))
+    assert not (colours[2] == part_colours(2)).all(axis=1).any()

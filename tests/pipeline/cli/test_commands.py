@@ -1,12 +1,15 @@
+import io
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.tables import metrics_table, model_table
+from pipeline.cli.tables import model_table, screen_table
+from pipeline.report_tables import Cell, Row, Table
 
 DATA = ("--dataset", "scans", "--data", "data")
 
@@ -30,9 +33,13 @@ def reart(tmp_path, monkeypatch):
         (("fit", "data/box", "--out", "out", "--units", "inch"), "ingest.units"),
         (("fit", "data/box", "--out", "out", "--set", "final_fit.iteration=1"), "final_fit.iterations"),
         (("fit", "data/box", "--out", "out", "--preset", "papre"), "papre"),
-        (("run", "--dataset", "robart"), "roboart, sapien, scans"),
+        (("run", "--dataset", "robart"), "roboart-free, sapien, scans"),
         (("run", *DATA, "--workdir", "file"), "--workdir file"),
         (("rerun", "flow", *DATA, "--sequence", "box", "--set", "flow"), "stage.field=value"),
+        (("evaluate", *DATA, "--split", "test"), "no splits"),
+        (("evaluate", *DATA, "--out", "file"), "--out file: found a file"),
+        (("evaluate", *DATA, "--against", "nowhere"), "nowhere: cannot be read"),
+        (("evaluate", *DATA, "--against", "file"), "file: the file"),
         (("status", "--dataset", "scans"), "ingest.source"),
         (("status", "--dataset", "scans", "--data", "nowhere"), "nowhere"),
         (("inspect", "data/box"), "manifest.json"),
@@ -55,7 +62,7 @@ def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     assert result.stdout.count("missing") == 9
 
 
-@pytest.mark.parametrize("command", ["fit", "run", "status", "inspect", "rerun"])
+@pytest.mark.parametrize("command", ["fit", "run", "evaluate", "status", "inspect", "rerun"])
 def test_every_command_explains_itself_with_an_example(reart, command):
     result = reart(command, "--help")
     assert result.exit_code == 0
@@ -72,15 +79,18 @@ def cells(table, row):
     return {str(column.header): list(column.cells)[row] for column in table.columns}
 
 
-def test_metrics_are_in_centimetres_where_the_unit_is_known_and_else_in_percent(samples):
-    known = samples["metrics"].replace(parts_true=4, recon=0.005, recon_percent=0.3)
-    unknown = known.replace(units="unknown")
-    table = metrics_table({"a": known, "b": unknown, "c": samples["metrics"]}, {"a": 1.0, "b": 2.0, "c": 61.4})
-    assert (cells(table, 0)["recon"], cells(table, 0)["parts"]) == ("0.500 cm", "3/4")
-    assert cells(table, 1)["recon"] == "0.300 %"
-    assert (cells(table, 2)["recon"], cells(table, 2)["parts"], cells(table, 2)["seconds"]) == ("-", "3", "61")
-
-
 def test_joints_are_shown_with_their_parts_and_range(samples):
     row = cells(model_table(samples["result"].model), 0)
     assert (row["parent"], row["child"], row["type"], row["range"]) == ("part_0", "part_1", "spherical", "0 .. 0.5 rad")
+
+
+def test_a_line_parts_the_sections_and_no_text_is_taken_for_markup():
+    rows = (Row("a", (Cell("[odd]"),)), Row("mean", (Cell("+1 ▲", "better"),), section="all"))
+    table = screen_table(Table("[title]", ("name", "value"), rows))
+    screen = io.StringIO()
+    Console(file=screen, width=60, color_system=None).print(table)
+    shown = screen.getvalue()
+    assert "[odd]" in shown
+    assert shown.index("[odd]") < shown.index("mean")
+    assert [row.end_section for row in table.rows] == [True, False]
+    assert "[green]" in cells(table, 1)["value"]
