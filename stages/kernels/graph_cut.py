@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from scipy.sparse import csr_array, csr_matrix
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 PRECISION = 1000.0  # capacities are whole numbers: costs are rounded to one part in so many
@@ -62,8 +62,8 @@ def _minimum_cut(
     columns = np.concatenate([dear, np.full(len(cheap), sink), j])
     capacities = np.concatenate([preference[dear], -preference[cheap], coupling])
     whole = np.minimum(np.round(capacities * PRECISION), np.iinfo(np.int32).max // 8).astype(np.int32)
-    graph = csr_matrix(csr_array((whole, (rows, columns)), shape=(count + 2, count + 2)))
-    residual = graph - maximum_flow(graph, source, sink).flow
+    graph = csr_array((whole, (rows, columns)), shape=(count + 2, count + 2))
+    residual = csr_array(graph - maximum_flow(graph, source, sink).flow)
     residual.data[residual.data < 0] = 0
     residual.eliminate_zeros()
     reached = breadth_first_order(residual, source, return_predecessors=False)

@@ -26,8 +26,11 @@ def farthest_points(points: Float[np.ndarray, "points 3"], count: int) -> Int64[
 
 
 def spacing(points: Float[np.ndarray, "points 3"]) -> float:
-    """The median distance from a point to its nearest neighbour: the cloud's sampling noise."""
-    return float(np.median(neighbours(points, 1)[0]))
+    """The median distance from a point to its nearest neighbour: the cloud's sampling noise.
+
+    Exact duplicates, which scans put together from several views have, count once.
+    """
+    return float(np.median(neighbours(np.unique(points, axis=0), 1)[0]))
 
 
 def normals(points: Float[np.ndarray, "points 3"], count: int = 10) -> Float64[np.ndarray, "points 3"]:

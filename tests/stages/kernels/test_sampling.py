@@ -21,6 +21,7 @@ def test_all_points_are_taken_when_there_are_too_few():
 def test_spacing_of_a_grid_is_its_step():
     grid = np.stack(np.meshgrid(*[np.arange(5) * 0.25] * 3), axis=-1).reshape(-1, 3)
     assert spacing(grid) == 0.25
+    assert spacing(np.repeat(grid, 3, axis=0)) == 0.25
 
 
 def test_normals_of_a_sphere_point_outwards_or_inwards():
