@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from schemas.artifact import Artifact, Unit
 
@@ -25,3 +25,13 @@ class RelaxedModel(Artifact):
     )
     solver: str
     iterations: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _check_labels(self) -> Self:
+        parts = self.Ts_frame_canonical.shape[1]
+        used = np.unique(self.labels)
+        if not np.array_equal(used, np.arange(parts)):
+            raise ValueError(
+                f"RelaxedModel.labels: found {used.tolist()}, expected every part 0..{parts - 1} to have points"
+            )
+        return self

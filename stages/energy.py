@@ -58,13 +58,15 @@ class ReconstructionEnergy:
         self._targets = [frames[t][farthest_points(frames[t], points)] for t in self.others]
         self._target_tensors = [torch.from_numpy(target) for target in self._targets]
         self._target_trees = [KDTree(target) for target in self._targets]
-        # farthest-first order makes every prefix an even sample
-        self._emd_count = max(1, min(len(self.p_canonical), *map(len, self._targets)) // config.emd_downsampling)
+        emd_count = max(1, min(len(self.p_canonical), *map(len, self._targets)) // config.emd_downsampling)
+        self._emd_points = farthest_points(self.p_canonical, emd_count)
+        self._emd_targets = [target[farthest_points(target, emd_count)] for target in self._targets]
         self._flow_reach = FLOW_REACH * spacing(self.p_canonical)
-        self._flow_samples = [
-            (KDTree(frames[t][source]), np.column_stack([motion, confidence]))
+        self._flow_samples = {
+            t: (KDTree(frames[t][source]), np.column_stack([motion, confidence]))
             for t, (source, _, motion, confidence) in enumerate(flow.pairs())
-        ]
+            if len(source)
+        }
         self._forward: list[Int64[np.ndarray, "points"]] = []
         self._backward: list[Int64[np.ndarray, "targets"]] = []
         self._assignments: list[tuple[np.ndarray, np.ndarray]] = []
@@ -91,15 +93,23 @@ class ReconstructionEnergy:
         for slot, t in enumerate(self.others):
             self._forward.append(nearest(self._target_trees[slot], points[t])[1])
             self._backward.append(nearest(KDTree(points[t]), self._targets[slot])[1])
-        for t, (tree, values) in enumerate(self._flow_samples):
+        for t in range(len(points) - 1):
+            if t not in self._flow_samples:
+                self._flow_targets.append(
+                    (
+                        torch.zeros(points[t].shape, dtype=torch.float64),
+                        torch.zeros(len(points[t]), dtype=torch.float64),
+                    )
+                )
+                continue
+            tree, values = self._flow_samples[t]
             samples, distance = interpolate(tree, values, points[t], self.config.flow_neighbours)
             weight = np.where(distance <= self._flow_reach, samples[:, 3], 0.0)
             self._flow_targets.append((torch.from_numpy(samples[:, :3]), torch.from_numpy(weight)))
 
     def _assign(self, points: Float64[np.ndarray, "frames points 3"]) -> None:
-        count = self._emd_count
         self._assignments = [
-            linear_sum_assignment(cdist(points[t][:count], self._targets[slot][:count], "sqeuclidean"))
+            linear_sum_assignment(cdist(points[t][self._emd_points], self._emd_targets[slot], "sqeuclidean"))
             for slot, t in enumerate(self.others)
         ]
 
@@ -115,7 +125,7 @@ class ReconstructionEnergy:
     def _earth_mover(self, predicted: Float64[Tensor, "frames points 3"]) -> Float64[Tensor, ""]:
         """Mean distance under the best one-to-one assignment of evenly spread points."""
         terms = [
-            _distance(predicted[t][rows], self._target_tensors[slot][columns]).mean()
+            _distance(predicted[t][self._emd_points[rows]], torch.from_numpy(self._emd_targets[slot][columns])).mean()
             for slot, (t, (rows, columns)) in enumerate(zip(self.others, self._assignments, strict=True))
         ]
         return torch.stack(terms).mean()

@@ -19,7 +19,7 @@ from stages.kernels.screw import ScrewFit, fit_screw, nearest_point_to_origin
 from stages.progress import Progress, silent
 from stages.projection import part_samples
 
-HISTORY_EVERY = 10
+REPORT_EVERY = 10
 
 
 def fit_final(
@@ -50,11 +50,12 @@ def fit_final(
         Ts = chain()
         predicted = se3.transform(Ts[:, labels], p_points[:, None])[..., 0, :]
         terms = energy(predicted, step)
-        optimizer.zero_grad()
-        terms.total.backward()
-        optimizer.step()
-        schedule.step()
-        if step % HISTORY_EVERY == 0 or step == config.iterations - 1:
+        if terms.total.requires_grad:  # one part that stands still has nothing to fit
+            optimizer.zero_grad()
+            terms.total.backward()
+            optimizer.step()
+            schedule.step()
+        if step % REPORT_EVERY == 0 or step == config.iterations - 1:
             row = terms.row()
             progress(step + 1, config.iterations, row[0])
     names = ("E_recons", "E_CD", "E_EMD", "E_flow")

@@ -39,8 +39,13 @@ def merge(
     groups = merge_alike(parts, nearest_first, config.threshold * spacing(p_canonical))
     labels = groups[model.labels]
     merged = moments(p_canonical, trajectories, labels, groups.max() + 1)
-    Ts = rigid_motion(merged).transpose(1, 0, 2, 3)
-    return link_parts(p_canonical, labels, np.ascontiguousarray(Ts), model.canonical_frame, projection)
+    Ts = np.ascontiguousarray(rigid_motion(merged).transpose(1, 0, 2, 3))
+    for group in range(Ts.shape[1]):
+        members = np.flatnonzero(groups == group)
+        if len(members) == 1:  # a motion cannot be read off a part of one or two points
+            Ts[:, group] = model.Ts_frame_canonical[:, members[0]]
+    Ts[model.canonical_frame] = np.eye(4)
+    return link_parts(p_canonical, labels, Ts, model.canonical_frame, projection)
 
 
 def touching_parts(

@@ -36,10 +36,16 @@ def follow_flow(
     for t in range(canonical_frame, len(frames) - 1):
         source, _, motion, _ = pairs[t]
         here = trajectories[t]
+        if len(source) == 0:  # nothing is known of this pair: stand still
+            trajectories[t + 1] = here
+            continue
         trajectories[t + 1] = here + interpolate(KDTree(frames[t][source]), motion, here, neighbours)[0]
     for t in range(canonical_frame - 1, -1, -1):
         source, _, motion, _ = pairs[t]
         here = trajectories[t + 1]
+        if len(source) == 0:
+            trajectories[t] = here
+            continue
         arrived = frames[t][source] + motion
         trajectories[t] = here - interpolate(KDTree(arrived), motion, here, neighbours)[0]
     return trajectories

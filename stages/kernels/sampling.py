@@ -11,6 +11,8 @@ from stages.kernels.nearest import neighbours
 def farthest_points(points: Float[np.ndarray, "points 3"], count: int) -> Int64[np.ndarray, "count"]:
     """Indices of `count` points, each farthest from those before it, from point 0 on; all when there are fewer.
 
+    Fewer, too, where the points left are exact duplicates of chosen ones.
+
     Our own, since the packages for it have no wheels for some Pythons, or return points without indices.
     """
     if count >= len(points):
@@ -22,6 +24,8 @@ def farthest_points(points: Float[np.ndarray, "points 3"], count: int) -> Int64[
         x, y, z = axes - axes[:, chosen[k - 1], None]
         np.minimum(squared, x * x + y * y + z * z, out=squared)
         chosen[k] = squared.argmax()
+        if squared[chosen[k]] == 0:
+            return chosen[:k]
     return chosen
 
 

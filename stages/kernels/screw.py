@@ -99,7 +99,7 @@ def _fit_about(
     along = axis[..., None, :]
     quaternion = roma.rotmat_to_unitquat(Ts[..., :3, :3])
     angle = 2 * torch.atan2((quaternion[..., :3] * along).sum(-1), quaternion[..., 3])
-    angle = torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi
+    angle = _unwrapped(torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi)
     distance = (translations * along).sum(-1)
     if kind == "prismatic":
         angle = torch.zeros_like(angle)
@@ -120,3 +120,11 @@ def _fit_about(
     deviation = se3.transform(Ts, p[..., None, :, :]) - se3.transform(fitted, p[..., None, :, :])
     residual = deviation.square().sum(-1).mean(dim=(-1, -2))
     return ScrewFit(axis, point, torch.stack([angle, distance], dim=-1), residual)
+
+
+def _unwrapped(angle: Float[Tensor, "*batch frames"]) -> Float[Tensor, "*batch frames"]:
+    """Angles without jumps of whole turns between frames; the frame with the least angle keeps its own."""
+    jumps = torch.round(torch.diff(angle, dim=-1) / (2 * torch.pi))
+    turns = torch.cat([torch.zeros_like(angle[..., :1]), -torch.cumsum(jumps, dim=-1)], dim=-1)
+    still = angle.abs().argmin(dim=-1, keepdim=True)
+    return angle + 2 * torch.pi * (turns - turns.gather(-1, still))

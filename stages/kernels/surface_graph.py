@@ -54,5 +54,5 @@ def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = 6) -> Su
     ends = np.stack([np.arange(len(points)).repeat(indices.shape[1]), indices.ravel()], axis=1)
     edges = np.unique(np.sort(ends, axis=1), axis=0)
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    short = lengths < LONGEST_EDGE * spacing(points)
+    short = (edges[:, 0] != edges[:, 1]) & (lengths < LONGEST_EDGE * spacing(points))
     return SurfaceGraph(len(points), edges[short], lengths[short])

@@ -38,6 +38,11 @@ def fit_relaxed(
     solver = resolve("relaxed_fit.solver", config.solver, SOLVERS)
     model = solver(sequence, flow, canonical_frame, config, rng, progress)
     points = int(sequence.point_counts[canonical_frame])
+    if model.canonical_frame != canonical_frame:
+        raise ValueError(
+            f"relaxed_fit.solver {config.solver!r}: found canonical frame {model.canonical_frame}, "
+            f"expected {canonical_frame}"
+        )
     if len(model.labels) != points or len(model.Ts_frame_canonical) != sequence.frame_count:
         raise ValueError(
             f"relaxed_fit.solver {config.solver!r}: found {len(model.labels)} labels and "

@@ -30,7 +30,7 @@ from stages.relaxed_fit.start import start_from_flow
 REACH_FIRST, REACH, REACH_LAST = 5.0, 3.0, 2.0  # robust reach of registration, in spacings
 MERGE_SAMPLE = 300  # points of a part that stand for it when a merge is tried
 MIN_PATCH = 12  # a part is not founded on fewer points
-OUT_OF_REACH = 50.0  # cost of a label that a point does not consider
+OUT_OF_REACH = np.inf  # cost of a label that a point does not consider
 
 
 @dataclass(frozen=True)

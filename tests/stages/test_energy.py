@@ -93,3 +93,27 @@ def test_emd_joins_in_late(hinge):
     predicted = torch.from_numpy(true_positions(hinge, late.index))
     assert float(late(predicted, 4).emd) == 0.0
     assert float(late(predicted, 5).emd) > 0.0
+
+
+def test_earth_mover_distance_does_not_depend_on_the_order_of_points(hinge):
+    frames = hinge.sequence.frames()
+    sorted_frames = [frame[np.argsort(frame[:, 0] * (-1) ** t)] for t, frame in enumerate(frames)]
+    sequence = hinge.sequence.replace(points=np.concatenate(sorted_frames))
+    config = CONFIG.model_copy(update={"emd_downsampling": 4, "lambda_flow": 0.0})
+    energy = ReconstructionEnergy(sequence, hinge.true_flow(), 2, config, points=400, steps=1)
+    still = torch.from_numpy(np.tile(energy.p_canonical, (5, 1, 1)))
+    assert float(energy(still, 0).emd) < 0.15
+
+
+def test_a_pair_without_matches_has_no_flow_term(hinge):
+    flow = hinge.true_flow()
+    none = flow.replace(
+        match_counts=np.zeros(4, dtype=np.int64),
+        source_index=flow.source_index[:0],
+        target_index=flow.target_index[:0],
+        flow=flow.flow[:0],
+        confidence=flow.confidence[:0],
+    )
+    energy = ReconstructionEnergy(hinge.sequence, none, 2, CONFIG, points=100, steps=1)
+    still = torch.from_numpy(np.tile(energy.p_canonical, (5, 1, 1)))
+    assert float(energy(still, 0).flow) == 0.0

@@ -81,3 +81,11 @@ def test_a_moving_base_is_followed(hinge):
     model = link_parts(sequence.frames()[2], hinge.canonical_labels, Ts, 2, ProjectionConfig())
     final = fit_final(model, sequence, flow, CONFIG, np.random.default_rng(0))
     np.testing.assert_allclose(final.Ts_frame_canonical[:, final.root, 1, 3], drift, atol=0.02)
+
+
+def test_one_part_that_stands_still_needs_no_fit(hinge):
+    still = np.tile(np.eye(4), (5, 1, 1, 1))
+    model = link_parts(hinge.sequence.frames()[2], np.zeros(400, dtype=int), still, 2, ProjectionConfig())
+    final = fit_final(model, hinge.sequence, hinge.true_flow(), CONFIG, np.random.default_rng(0))
+    np.testing.assert_array_equal(final.Ts_frame_canonical, still)
+    assert final.energies["E_recons"] > 0

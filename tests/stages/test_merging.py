@@ -64,3 +64,14 @@ def test_pieces_of_one_body_merge_even_where_the_tree_does_not_link_them(hinge):
         joint_child=np.array([0, 1, 3]),
     )
     assert merge(detour, hinge.sequence, MergingConfig(), PROJECTION).part_count == 2
+
+
+def test_a_part_of_two_points_keeps_its_motion(hinge):
+    labels = hinge.canonical_labels.copy()
+    labels[:2] = 2
+    Ts = hinge.Ts_frame_canonical[:, [0, 1, 0]].copy()
+    Ts[:, 2, 2, 3] += [0.1, 0.2, 0.0, 0.3, 0.4]
+    model = link_parts(hinge.sequence.frames()[2], labels, Ts, 2, PROJECTION)
+    merged = merge(model, hinge.sequence, MergingConfig(threshold=0.1), PROJECTION)
+    part = int(merged.labels[0])
+    np.testing.assert_array_equal(merged.Ts_frame_canonical[:, part], Ts[:, 2])

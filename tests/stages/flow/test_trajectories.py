@@ -19,3 +19,19 @@ def test_true_flow_carries_points_to_their_true_place(two_part_object):
     true = np.einsum("tnij,nj->tni", Ts[..., :3, :3], p_canonical) + Ts[..., :3, 3]
     np.testing.assert_array_equal(followed[2], p_canonical)
     assert np.linalg.norm(followed - true, axis=-1).mean() < 0.01
+
+
+def test_points_stand_still_where_a_pair_has_no_matches(hinge):
+    flow = hinge.true_flow()
+    counts = flow.match_counts.copy()
+    first, counts[0] = counts[0], 0
+    known = flow.replace(
+        match_counts=counts,
+        source_index=flow.source_index[first:],
+        target_index=flow.target_index[first:],
+        flow=flow.flow[first:],
+        confidence=flow.confidence[first:],
+    )
+    followed = follow_flow(hinge.sequence.frames()[2], hinge.sequence, known, 2, 3)
+    np.testing.assert_array_equal(followed[0], followed[1])
+    assert (followed[3] != followed[2]).any()

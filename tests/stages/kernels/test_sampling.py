@@ -28,3 +28,8 @@ def test_normals_of_a_sphere_point_outwards_or_inwards():
     sphere = RNG.normal(size=(3000, 3))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     assert np.median(np.abs((normals(sphere) * sphere).sum(axis=1))) > 0.99
+
+
+def test_duplicates_of_chosen_points_are_not_chosen():
+    points = np.repeat(np.eye(3), 5, axis=0)
+    assert len(farthest_points(points, 10)) == 3

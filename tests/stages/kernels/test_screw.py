@@ -105,3 +105,11 @@ def test_batched_fits_equal_single_ones():
         alone = fit_screw(batch[row], BODY)
         np.testing.assert_allclose(together.axis[row].numpy(), alone.axis.numpy(), atol=1e-12)
         np.testing.assert_allclose(together.states[row].numpy(), alone.states.numpy(), atol=1e-12)
+
+
+def test_angles_go_on_past_half_a_turn():
+    angles = torch.linspace(-2.0, 5.0, 15, dtype=torch.float64)
+    angles = angles - angles[4]
+    fit = fit_screw(screw_transform(AXIS, POINT, angles, torch.zeros(15, dtype=torch.float64)), BODY, "revolute")
+    sign = torch.sign(fit.axis @ AXIS)
+    np.testing.assert_allclose((sign * fit.states[:, 0]).numpy(), angles.numpy(), atol=1e-6)

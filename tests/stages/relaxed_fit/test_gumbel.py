@@ -4,6 +4,7 @@ import torch
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import RelaxedFitConfig
+from schemas.relaxed import RelaxedModel
 from stages.flow.trajectories import follow_flow
 from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.gumbel import _cosine, _straight_through_labels
@@ -99,3 +100,15 @@ def test_a_users_own_solver_is_called(hinge, tmp_path, monkeypatch):
         hinge.sequence, hinge.true_flow(), 2, RelaxedFitConfig(solver="my_solver:one_part"), np.random.default_rng(0)
     )
     assert model.solver == "mine"
+
+
+def test_a_solver_that_leaves_a_part_without_points_is_refused(hinge):
+    with pytest.raises(ValueError, match="every part"):
+        RelaxedModel(
+            canonical_frame=2,
+            labels=np.zeros(400, dtype=np.int64),
+            Ts_frame_canonical=np.tile(np.eye(4), (5, 2, 1, 1)),
+            energy_history=np.zeros((0, 4)),
+            solver="mine",
+            iterations=0,
+        )
