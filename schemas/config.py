@@ -49,7 +49,7 @@ class GeometricFlowConfig(Schema):
     """Estimator `geometric`: non-rigid alignment by a deformation graph, then mutual nearest neighbours."""
 
     points: int = Field(default=2048, ge=16, description="points per frame that the alignment works on")
-    nodes: int = Field(default=150, ge=4, description="rigid nodes of the deformation graph")
+    nodes: int = Field(default=250, ge=4, description="rigid nodes of the deformation graph")
     neighbours: int = Field(default=4, ge=1, description="nodes that move one point")
     stiffness: tuple[float, ...] = Field(
         default=(30.0, 10.0, 3.0, 1.0, 0.3), description="weight of rigidity, coarse to fine"
