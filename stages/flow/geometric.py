@@ -15,8 +15,9 @@ from jaxtyping import Float64
 
 from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.pair import PairFlow, mutual_matches
-from stages.kernels.deformation_graph import Alignment, DeformationGraph, build_graph, deform, se3_apply
+from stages.kernels.deformation_graph import Alignment, DeformationGraph, build_graph, deform
 from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.registration import move_points
 from stages.kernels.sampling import farthest_points, normals, spacing
 from stages.progress import Progress
 
@@ -65,7 +66,7 @@ def align_pair(
     Ts = _coarse_to_fine(alignment, starts, config)
     warped = _warp_all(graph, Ts, working, source)
     pair = mutual_matches(source, warped, target, spacing(target), config.max_distance)
-    return pair, NodeMotion(se3_apply(Ts, graph.p_nodes), Ts)
+    return pair, NodeMotion(move_points(Ts, graph.p_nodes), Ts)
 
 
 def _coarse_to_fine(

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from stages.kernels.nearest import KDTree, nearest, neighbours
-from stages.kernels.registration import turn_about, twist_jacobian
+from stages.kernels.registration import move_points, sum_groups, turn_about, twist_jacobian
 from stages.kernels.sampling import farthest_points
 
 SURFACE_NEIGHBOURS = 8
@@ -117,7 +117,7 @@ class Alignment:
     ) -> Float64[np.ndarray, "nodes 4 4"]:
         """One Gauss-Newton step; matches much farther apart than `reach` (in noise units) hardly count."""
         graph, nodes = self.graph, len(self.graph.p_nodes)
-        centres = se3_apply(Ts, graph.p_nodes)
+        centres = move_points(Ts, graph.p_nodes)
         moved = _moved_by_anchors(graph, Ts, self.source)
         warped = np.einsum("nk,nki->ni", graph.weights, moved)
 
@@ -126,8 +126,8 @@ class Alignment:
         information = robust[:, None, None] * self.target_information[target]
         offsets = (warped[source] - self.target[target]) / self.noise
         pull = np.einsum("mij,mj->mi", information, offsets)
-        information = _sum_rows(information.reshape(-1, 9), source, len(warped)).reshape(-1, 3, 3)
-        pull = _sum_rows(pull, source, len(warped))
+        information = sum_groups(information.reshape(-1, 9), source, len(warped)).reshape(-1, 3, 3)
+        pull = sum_groups(pull, source, len(warped))
 
         # d(point)/d(twist of anchor k about its own centre) = w_k [-skew(p_k - c_k), I]
         arms = moved - centres[graph.anchors]
@@ -139,7 +139,7 @@ class Alignment:
 
         # stiffness: a node's idea of where its neighbour's centre is, against the neighbour's own
         k, neighbour = graph.edges.T
-        predicted = se3_apply(Ts[k], graph.p_nodes[neighbour])
+        predicted = move_points(Ts[k], graph.p_nodes[neighbour])
         gap = (predicted - centres[neighbour]) / self.noise
         jacobian_k = twist_jacobian((predicted - centres[k]) / self.noise)
         jacobian_neighbour = np.broadcast_to(-twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
@@ -157,15 +157,6 @@ class Alignment:
         """Mean robust squared distance in both directions, in squared noise units."""
         distance = self.matches(deform(self.graph, Ts, self.source))[2]
         return float(np.mean(distance**2 / (1.0 + (distance / reach) ** 2)))
-
-
-def se3_apply(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Each point moved by its own transform."""
-    return np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
-
-
-def _sum_rows(values: Float64[np.ndarray, "rows c"], index: Int64[np.ndarray, "rows"], count: int) -> np.ndarray:
-    return np.stack([np.bincount(index, column, minlength=count) for column in values.T], axis=1)
 
 
 def _scatter_cells(groups: Int64[np.ndarray, "rows k"], nodes: int) -> Int64[np.ndarray, "rows b b"]:

@@ -66,7 +66,7 @@ class Registration:
         for _ in range(iterations):
             for t in self.others:
                 p, target, offset, distance = self._matches(t, index, group, Ts)
-                p_centres = _moved(Ts[t], centres)
+                p_centres = move_points(Ts[t], centres)
                 hessian, gradient = _normal_equations(
                     (p - p_centres[group]) / self.noise,
                     group,
@@ -108,7 +108,7 @@ class Registration:
                 target = np.concatenate([target, np.arange(len(back))])
                 weight = _robust_weight(np.concatenate([distance, back_distance / self.noise]), reach)
                 offset = (p[source] - self.frames[t][target]) / self.noise
-                p_centres = _moved(Ts[t], centres)
+                p_centres = move_points(Ts[t], centres)
                 part = labels[source]
                 blocks, gradient = _normal_equations(
                     (p[source] - p_centres[part]) / self.noise, part, parts, self._normals[t][target], offset, weight
@@ -127,7 +127,7 @@ class Registration:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Moved points, their nearest in frame t, and offset and distance to it in spacings."""
         T_points = Ts[t, group]
-        p = np.einsum("nij,nj->ni", T_points[:, :3, :3], self.p[index]) + T_points[:, :3, 3]
+        p = move_points(T_points, self.p[index])
         distance, target = nearest(self._trees[t], p)
         return p, target, (p - self.frames[t][target]) / self.noise, distance / self.noise
 
@@ -144,7 +144,7 @@ class Registration:
     ) -> None:
         """Add the pull of contacts, in place."""
         a, b = sides
-        p_a, p_b = _moved(Ts[a], middles), _moved(Ts[b], middles)
+        p_a, p_b = move_points(Ts[a], middles), move_points(Ts[b], middles)
         gap = (p_a - p_b) / self.noise
         weight = attachment * _robust_weight(np.linalg.norm(gap, axis=1), reach)
         jacobians = (
@@ -195,7 +195,7 @@ def _normal_equations(
     weighted = weight[:, None, None] * rows
     hessian = np.matmul(weighted.transpose(0, 2, 1), rows).reshape(-1, 36)
     gradient = np.einsum("nra,nr->na", weighted, residuals)
-    return _sum_groups(hessian, group, groups).reshape(-1, 6, 6), _sum_groups(gradient, group, groups)
+    return sum_groups(hessian, group, groups).reshape(-1, 6, 6), sum_groups(gradient, group, groups)
 
 
 def _scaled_identity(hessian: Float64[np.ndarray, "groups 6 6"]) -> Float64[np.ndarray, "groups 6 6"]:
@@ -209,12 +209,14 @@ def _robust_weight(distance: Float64[np.ndarray, "entries"], reach: float) -> Fl
 
 def _group_means(p: np.ndarray, group: np.ndarray, groups: int) -> Float64[np.ndarray, "groups 3"]:
     counts = np.maximum(np.bincount(group, minlength=groups), 1)
-    return _sum_groups(p, group, groups) / counts[:, None]
+    return sum_groups(p, group, groups) / counts[:, None]
 
 
-def _sum_groups(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
+def sum_groups(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
+    """The sum over each group's rows of (rows, columns) values: (groups, columns)."""
     return np.stack([np.bincount(group, column, minlength=groups) for column in values.T], axis=1)
 
 
-def _moved(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+def move_points(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    """Each point moved by its own transform."""
     return np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
