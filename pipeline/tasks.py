@@ -62,10 +62,13 @@ class CandidateTask(StageTask):
 
 
 class RelaxedFitTask(CandidateTask):
-    stage, version, schema = "relaxed_fit", 1, RelaxedModel
+    stage, version, schema = "relaxed_fit", 2, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
-        return {"ingest": IngestTask(job=self.job), "flow": FlowTask(job=self.job)}
+        ingest = IngestTask(job=self.job)
+        if self.candidate > 0 and self.job.config.canonical_frame.share:
+            return {"ingest": ingest, "relaxed_fit": RelaxedFitTask(job=self.job, candidate=0)}
+        return {"ingest": ingest, "flow": FlowTask(job=self.job)}
 
     def function(self) -> str:
         return self.job.config.relaxed_fit.solver
@@ -73,14 +76,17 @@ class RelaxedFitTask(CandidateTask):
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> RelaxedModel:
         from stages.canonical_frame import candidate_frames
         from stages.relaxed_fit import fit_relaxed
+        from stages.relaxed_fit.carry_over import carry_over
 
         config, sequence = self.job.config, inputs["ingest"].sequence
         frame = candidate_frames(sequence.frame_count, config.canonical_frame)[self.candidate]
+        if "relaxed_fit" in inputs:
+            return carry_over(inputs["relaxed_fit"], sequence, frame)
         return fit_relaxed(sequence, inputs["flow"], frame, config.relaxed_fit, rng, progress)
 
 
 class ProjectionTask(CandidateTask):
-    stage, version, schema = "projection", 1, KinematicModel
+    stage, version, schema = "projection", 2, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         relaxed = RelaxedFitTask(job=self.job, candidate=self.candidate)
@@ -93,7 +99,7 @@ class ProjectionTask(CandidateTask):
 
 
 class MergingTask(CandidateTask):
-    stage, version, schema = "merging", 1, KinematicModel
+    stage, version, schema = "merging", 2, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         projection = ProjectionTask(job=self.job, candidate=self.candidate)
@@ -121,7 +127,7 @@ class CanonicalFrameTask(StageTask):
 
 
 class FinalFitTask(StageTask):
-    stage, version, schema = "final_fit", 1, KinematicModel
+    stage, version, schema = "final_fit", 2, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job
@@ -139,7 +145,7 @@ class FinalFitTask(StageTask):
 
 
 class ResultTask(StageTask):
-    stage, version, schema = "result", 1, Result
+    stage, version, schema = "result", 2, Result
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "final_fit": FinalFitTask(job=self.job)}
@@ -156,7 +162,7 @@ class ResultTask(StageTask):
 
 
 class EvaluationTask(StageTask):
-    stage, version, schema = "evaluation", 1, Metrics
+    stage, version, schema = "evaluation", 2, Metrics
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "final_fit": FinalFitTask(job=self.job)}

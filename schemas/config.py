@@ -50,6 +50,8 @@ class GeometricFlowConfig(Schema):
 
     points: int = Field(default=2048, ge=16, description="points per frame that the alignment works on")
     nodes: int = Field(default=250, ge=4, description="rigid nodes of the deformation graph")
+    coarse_points: int = Field(default=1024, ge=16, description="points per frame while the best start is looked for")
+    coarse_nodes: int = Field(default=80, ge=4, description="nodes while the best start is looked for, at most `nodes`")
     neighbours: int = Field(default=4, ge=1, description="nodes that move one point")
     stiffness: tuple[float, ...] = Field(
         default=(30.0, 10.0, 3.0, 1.0, 0.3), description="weight of rigidity, coarse to fine"
@@ -104,24 +106,24 @@ class AlternatingConfig(Schema):
 
     points: int = Field(default=4096, ge=64, description="points per frame that the fit works on")
     start_parts: int = Field(default=30, ge=1, description="parts that the flow is clustered into at the start")
-    rounds: int = Field(default=8, ge=1, description="rounds of refining, relabelling, merging and splitting")
-    closing_rounds: int = Field(default=4, ge=0, description="last rounds, in which nothing is split")
+    rounds: int = Field(default=5, ge=1, description="rounds of refining, relabelling, merging and splitting")
+    closing_rounds: int = Field(default=2, ge=0, description="last rounds, in which nothing is split")
     part_price: float = Field(default=12.0, ge=0, description="a part must lower the points' costs by more")
     boundary_price: float = Field(default=1.0, ge=0, description="price of a surface edge between two parts")
     truncation: float = Field(default=9.0, gt=0, description="most that one point can cost in one frame")
     attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
     contact: int = Field(default=4, ge=1, description="surface edges that two parts must share to be merged")
-    merge_iterations: int = Field(default=5, ge=1, description="registration steps before a merge is judged")
+    merge_iterations: int = Field(default=4, ge=1, description="registration steps before a merge is judged")
     patches: int = Field(default=120, ge=1, description="patches of the surface that are tried as new parts")
     patch_points: int = Field(default=40, ge=6, description="points of such a patch")
     patch_iterations: int = Field(default=6, ge=1, description="registration steps of such a patch")
-    min_part_share: float = Field(default=0.004, ge=0, lt=1, description="smaller connected pieces are absorbed")
+    min_part_share: float = Field(default=0.008, ge=0, lt=1, description="smaller parts are absorbed")
 
 
 class RelaxedFitConfig(Schema):
     """The relaxed fit of one candidate canonical frame."""
 
-    solver: str = Field(default="gumbel", description="registered name or package.module:function")
+    solver: str = Field(default="alternating", description="registered name or package.module:function")
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
     alternating: AlternatingConfig = AlternatingConfig()
@@ -132,35 +134,53 @@ class ProjectionConfig(Schema):
 
     lambda_spatial: float = Field(default=100.0, ge=0)
     lambda_1dof: float = Field(default=1.0, ge=0)
-    samples_per_part: int = Field(default=20, ge=1, description="farthest points that stand for a part")
+    samples_per_part: int = Field(default=60, ge=1, description="farthest points at which E_1DOF is measured")
+    contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
 
 
 class MergingConfig(Schema):
     """A.3, in units of the sampling noise."""
 
     threshold: float = Field(
-        default=0.8, ge=0, description="touching parts whose motions differ by less (RMS, in point spacings) become one"
+        default=0.0, ge=0, description="touching parts whose motions differ by less (RMS, in point spacings) become one"
     )
 
 
 class CanonicalFrameConfig(Schema):
     """A.5: which frames are tried as the canonical one."""
 
-    candidates: int = Field(default=2, ge=1, description="how many: the middle frame and its neighbours")
+    candidates: int = Field(default=3, ge=1, description="how many: the middle frame and its neighbours")
     frames: tuple[int, ...] = Field(default=(), description="these frames instead, where given")
+    share: bool = Field(
+        default=True, description="fit the first candidate only and carry its parts over to the others, not fit each"
+    )
 
 
 class FinalFitConfig(Schema):
-    """A.4."""
+    """A.4: joints by Levenberg-Marquardt, and labels, links and parts improved under them."""
 
-    iterations: int = Field(default=200, ge=0)
-    points: int = Field(default=2048, ge=16)
-    learning_rate: float = Field(default=1e-2, gt=0)
-    samples_per_part: int = Field(default=100, ge=1, description="points at which joint hypotheses are judged")
+    points: int = Field(default=4096, ge=16, description="points per frame that the fit works on")
+    reach: float = Field(default=2.0, gt=0, description="robust reach of matches, in point spacings")
+    iterations: int = Field(default=8, ge=0, description="Levenberg-Marquardt trials after each change")
+    last_iterations: int = Field(default=15, ge=0, description="Levenberg-Marquardt trials at the end")
     still_root: float = Field(
         default=0.5, ge=0, description="a root that moves less (RMS, in point spacings) is held still"
     )
-    energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_every=20, emd_start=0.0)
+    hidden_links: bool = Field(
+        default=True, description="insert links that the motion needs though no point tells them apart"
+    )
+    relabel: bool = Field(default=True, description="improve labels and parts too, not only joints")
+    fused_frames: int = Field(default=10, ge=1, description="frames whose points are labelled together")
+    boundary_price: float = Field(default=4.0, ge=0, description="price of a surface edge between two parts")
+    min_part_share: float = Field(
+        default=0.008, ge=0, lt=1, description="a part holds at least this share of the points"
+    )
+    part_price: float = Field(
+        default=30.0, ge=0, description="a part that lowers the points' costs by less is joined to a neighbour; 0: none"
+    )
+    prune_iterations: int = Field(default=5, ge=0, description="Levenberg-Marquardt trials before that is judged")
+    energy_points: int = Field(default=2048, ge=16, description="points per frame at which E_recons is reported")
+    energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_start=0.0)
 
 
 class EvaluationConfig(Schema):

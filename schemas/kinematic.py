@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from schemas.artifact import Artifact, Schema, Unit
 
 LinkType = Literal["screw", "revolute", "prismatic"]
+CONFIDENCES = ("part", "link", "type")
 
 
 class KinematicModel(Artifact):
@@ -21,6 +22,9 @@ class KinematicModel(Artifact):
     moved by `states[j, t, 1]` along it. Before the final fit joints are of type "screw" and both may be
     non-zero; after it one of the two is exactly zero in every frame. All states are zero in the
     canonical frame.
+
+    `confidence` has a column for each of CONFIDENCES: whether both parts are ones of their own, whether they are linked
+    to each other by one degree of freedom, and whether that is of the joint's type. Only the final fit tells it.
     """
 
     canonical_frame: int = Field(ge=0)
@@ -37,6 +41,9 @@ class KinematicModel(Artifact):
     states: Annotated[Float64[np.ndarray, "joints frames 2"], Unit("radian, normalised")]
     e_spatial: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
     e_1dof: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
+    confidence: Annotated[Float64[np.ndarray, "joints 3"] | None, Unit("1")] = Field(
+        default=None, description="from 0, as good as another explanation, to 1, sure; columns as in CONFIDENCES"
+    )
     energies: dict[str, float] = Field(description="E_project, E_group, E_recons, ... of the whole model")
 
     @property
@@ -78,6 +85,13 @@ class KinematicModel(Artifact):
             for joint, joint_type in enumerate(self.joint_types):
                 if joint_type == kind and np.any(self.states[joint, :, column] != 0):
                     raise ValueError(f"KinematicModel.states: joint {joint} is {kind}, its {name} must be zero")
+        return self
+
+    @model_validator(mode="after")
+    def _check_confidence(self) -> Self:
+        if self.confidence is not None and np.any((self.confidence < 0) | (self.confidence > 1)):
+            low, high = self.confidence.min(), self.confidence.max()
+            raise ValueError(f"KinematicModel.confidence: found values in {low:g}..{high:g}, expected 0..1")
         return self
 
 

@@ -18,6 +18,14 @@ class JointMetrics(Schema):
     state_error: float | None = Field(
         default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
     )
+    confidence: float | None = Field(default=None, description="the model's own, of the predicted joint")
+
+
+class JointVerdict(Schema):
+    """How sure the model is of a predicted joint (the product of its confidences), and whether rightly so."""
+
+    confidence: float = Field(ge=0, le=1)
+    right: bool = Field(description="it links two parts that were matched to those of one true joint")
 
 
 class Metrics(Artifact):
@@ -45,3 +53,6 @@ class Metrics(Artifact):
     reanimation_percent: float | None = None
     joint_type_accuracy: float | None = None
     joints: tuple[JointMetrics, ...] = ()
+    verdicts: tuple[JointVerdict, ...] = Field(
+        default=(), description="of every predicted joint, where model and truth tell"
+    )

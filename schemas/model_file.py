@@ -20,6 +20,14 @@ class ModelPart(Schema):
     point_count: int
 
 
+class JointConfidence(Schema):
+    """How sure the fit is, from 0 to 1: that both parts are ones of their own, of their link, and of the joint's type."""
+
+    part: float = Field(ge=0, le=1)
+    link: float = Field(ge=0, le=1)
+    type: float = Field(ge=0, le=1)
+
+
 class ModelJoint(Schema):
     """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates."""
 
@@ -32,6 +40,7 @@ class ModelJoint(Schema):
     point: Vector
     lower: float
     upper: float
+    confidence: JointConfidence | None = None
     states: tuple[float | Vector, ...]
 
 

@@ -63,6 +63,10 @@ class Figures(Schema):
     joint_type_accuracy: Annotated[float | None, Measure("joint types", better="higher")] = Field(
         default=None, description="share of the matched joints whose type is right"
     )
+    confidence_auc: Annotated[float | None, Measure("conf. AUC", better="higher")] = Field(
+        default=None,
+        description="of groups only: area under the ROC curve of confidence, over all predicted joints, for being right",
+    )
     seconds: Annotated[float | None, Measure("time", "s", 0, "lower")] = Field(
         default=None, description="of all stages"
     )

@@ -20,7 +20,7 @@ from schemas.flow import Flow
 from schemas.sequence import PointSequence
 from stages.flow.trajectories import interpolate
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.sampling import farthest_points, spacing
+from stages.kernels.sampling import farthest_points, spacing, working_points
 
 FLOW_REACH = 5.0  # predicted points farther than this from any match, in spacings, have no valid flow
 
@@ -53,9 +53,9 @@ class ReconstructionEnergy:
         frames = sequence.frames()
         self.config, self.steps = config, steps
         self.others = [t for t in range(len(frames)) if t != canonical_frame]
-        self.index = farthest_points(frames[canonical_frame], points)
+        self.index = working_points(frames[canonical_frame], points)
         self.p_canonical = frames[canonical_frame][self.index]
-        self._targets = [frames[t][farthest_points(frames[t], points)] for t in self.others]
+        self._targets = [frames[t][working_points(frames[t], points)] for t in self.others]
         self._target_tensors = [torch.from_numpy(target) for target in self._targets]
         self._target_trees = [KDTree(target) for target in self._targets]
         emd_count = max(1, min(len(self.p_canonical), *map(len, self._targets)) // config.emd_downsampling)

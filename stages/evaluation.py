@@ -9,7 +9,7 @@ from sklearn.metrics import adjusted_rand_score, rand_score
 
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
-from schemas.metrics import JointMetrics, Metrics
+from schemas.metrics import JointMetrics, JointVerdict, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
 from stages.kernels.matching import match_parts
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
@@ -63,6 +63,7 @@ def evaluate(
         reanimation_percent=None if reanimation is None else 100 * reanimation,
         joint_type_accuracy=float(np.mean(type_right)) if type_right else None,
         joints=joints,
+        verdicts=joint_verdicts(model, truth, labels_true),
     )
 
 
@@ -105,11 +106,10 @@ def joint_errors(
 ) -> tuple[JointMetrics, ...]:
     """Each true joint against the predicted joint, of either direction, between the parts matched to its own."""
     matched = match_parts(model.labels, labels_true)
-    links = zip(model.joint_parent.tolist(), model.joint_child.tolist(), strict=True)
-    joint_of = {frozenset(link): joint for joint, link in enumerate(links)}
+    joint_of = {link: joint for joint, link in enumerate(_links(model))}
     errors = []
     for true in truth.joints:
-        link = frozenset((matched.get(true.parent, -1), matched.get(true.child, -1)))
+        link = _matched_link(matched, true)
         if link in joint_of:
             errors.append(_joint_error(model, joint_of[link], matched[true.parent], truth, true))
         else:
@@ -117,11 +117,40 @@ def joint_errors(
     return tuple(errors)
 
 
+def joint_verdicts(
+    model: KinematicModel, truth: GroundTruth, labels_true: Int64[np.ndarray, "points"]
+) -> tuple[JointVerdict, ...]:
+    """Whether each predicted joint is a true one, and how sure the model was; none where either is not told."""
+    if not truth.joints:
+        return ()
+    matched = match_parts(model.labels, labels_true)
+    true_links = {_matched_link(matched, true) for true in truth.joints}
+    sure = [(link, _confidence(model, joint)) for joint, link in enumerate(_links(model))]
+    return tuple(JointVerdict(confidence=value, right=link in true_links) for link, value in sure if value is not None)
+
+
+def _links(model: KinematicModel) -> list[frozenset[int]]:
+    """The two parts of each predicted joint."""
+    return [frozenset(link) for link in zip(model.joint_parent.tolist(), model.joint_child.tolist(), strict=True)]
+
+
+def _matched_link(matched: dict[int, int], true: TrueJoint) -> frozenset[int]:
+    """The predicted parts that were matched to those of a true joint; -1 where there is none."""
+    return frozenset((matched.get(true.parent, -1), matched.get(true.child, -1)))
+
+
+def _confidence(model: KinematicModel, joint: int) -> float | None:
+    """That all of a joint is right: its confidences multiplied, as if they were independent."""
+    return None if model.confidence is None else float(model.confidence[joint].prod())
+
+
 def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTruth, true: TrueJoint) -> JointMetrics:
     """One predicted joint against the true one, whose parent was matched to the predicted part `parent`."""
     predicted_type = model.joint_types[joint]
     if true.type == "spherical":  # has no axis
-        return JointMetrics(name=true.name, true_type=true.type, predicted_type=predicted_type)
+        return JointMetrics(
+            name=true.name, true_type=true.type, predicted_type=predicted_type, confidence=_confidence(model, joint)
+        )
     T_canonical_first = truth.Ts_frame_first[model.canonical_frame, true.parent]
     axis_true = T_canonical_first[:3, :3] @ np.asarray(true.axis)
     point_true = T_canonical_first[:3, :3] @ np.asarray(true.point) + T_canonical_first[:3, 3]
@@ -136,6 +165,7 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
         axis_angle_deg=float(np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, axis_true)), abs(axis @ axis_true)))),
         axis_distance_percent=100 * line_distance(axis, point, axis_true, point_true) if located else None,
         state_error=_state_error(states, true, model.canonical_frame) if predicted_type == true.type else None,
+        confidence=_confidence(model, joint),
     )
 
 

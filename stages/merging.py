@@ -13,7 +13,7 @@ from stages.kernels import se3
 from stages.kernels.nearest import neighbours
 from stages.kernels.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
 from stages.kernels.sampling import spacing
-from stages.projection import link_parts, part_samples, spatial_energies
+from stages.projection import link_parts, spatial_energies
 
 SURFACE_NEIGHBOURS = 8
 CONTACT = 5  # parts touch where at least so many pairs of neighbouring points cross from one to the other
@@ -34,7 +34,7 @@ def merge(
     parts = moments(p_canonical, trajectories, model.labels, model.part_count)
     links = np.stack([model.joint_parent, model.joint_child], axis=1)
     pairs = np.concatenate([links, touching_parts(p_canonical, model.labels)])
-    apart = spatial_energies(part_samples(p_canonical, model.labels, projection.samples_per_part))
+    apart = spatial_energies(p_canonical, model.labels, 0.0)
     nearest_first = pairs[np.argsort(apart[pairs[:, 0], pairs[:, 1]], kind="stable")]
     groups = merge_alike(parts, nearest_first, config.threshold * spacing(p_canonical))
     labels = groups[model.labels]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import cast
 
 import networkx as nx
@@ -14,7 +15,8 @@ from schemas.kinematic import KinematicModel
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.kernels import se3
-from stages.kernels.sampling import farthest_points
+from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.sampling import farthest_points, spacing
 from stages.kernels.screw import ScrewFit, fit_screw
 
 
@@ -33,7 +35,7 @@ def link_parts(
 ) -> KinematicModel:
     """Link labelled parts with known motions; the root is the part that moves least."""
     samples = part_samples(p_canonical, labels, config.samples_per_part)
-    spatial = spatial_energies(samples)
+    spatial = spatial_energies(p_canonical, labels, config.contact * spacing(p_canonical))
     fits = relative_screws(samples, Ts_frame_canonical)
     # the pair's energy must not depend on which of the two is called the child
     one_dof = 0.5 * (fits.residual + fits.residual.T).numpy()
@@ -73,10 +75,20 @@ def part_samples(
     return np.stack(samples)
 
 
-def spatial_energies(samples: Float64[np.ndarray, "parts count 3"]) -> Float64[np.ndarray, "parts parts"]:
-    """E_spatial of every pair of parts: the least squared distance between their sample points."""
-    p = torch.from_numpy(samples)
-    return torch.cdist(p[:, None], p[None, :]).amin(dim=(-1, -2)).square().numpy()
+def spatial_energies(
+    p: Float64[np.ndarray, "points 3"], labels: Int64[np.ndarray, "points"], contact: float
+) -> Float64[np.ndarray, "parts parts"]:
+    """E_spatial of every pair of parts: the squared least distance between their points, beyond `contact`.
+
+    Within the distance at which sampled surfaces touch, distances tell of the sampling only.
+    """
+    parts = [p[labels == part] for part in range(labels.max() + 1)]
+    trees = [KDTree(part) for part in parts]
+    energies = np.zeros((len(parts), len(parts)))
+    for a, b in combinations(range(len(parts)), 2):
+        gap = nearest(trees[a], parts[b])[0].min() - contact
+        energies[a, b] = energies[b, a] = max(gap, 0.0) ** 2
+    return energies
 
 
 def relative_screws(

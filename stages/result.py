@@ -9,8 +9,8 @@ import zipfile
 import numpy as np
 from jaxtyping import Float64
 
-from schemas.kinematic import KinematicModel
-from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result, Vector
+from schemas.kinematic import CONFIDENCES, KinematicModel
+from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result, Vector
 from schemas.sequence import PointSequence
 
 
@@ -58,8 +58,15 @@ def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJ
         point=_vector(point - axis * (axis @ point)),  # again nearest the origin, which is now the input's
         lower=float(states.min()),
         upper=float(states.max()),
+        confidence=_confidence(model, joint),
         states=tuple(states.tolist()),
     )
+
+
+def _confidence(model: KinematicModel, joint: int) -> JointConfidence | None:
+    if model.confidence is None:
+        return None
+    return JointConfidence(**dict(zip(CONFIDENCES, model.confidence[joint].tolist(), strict=True)))
 
 
 def _vector(p: Float64[np.ndarray, "3"]) -> Vector:
@@ -79,7 +86,7 @@ def _to_input(
 
 def result_files(result: Result) -> dict[str, bytes]:
     """The bytes of model.json and model.npz: the same for the same result, at any time."""
-    text = json.dumps(result.model.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(result.model.model_dump(mode="json", exclude_none=True), indent=1, allow_nan=False) + "\n"
     return {"model.json": text.encode(), "model.npz": _npz_bytes(result.arrays())}
 
 

@@ -1,8 +1,8 @@
 """Estimator `geometric`: robust coarse-to-fine non-rigid alignment, then mutual nearest neighbours.
 
-Needs no training. Each pair is aligned by a deformation graph whose stiffness is lowered step by step,
-from several starts (still, or going on as in the pair before; stiff first, or soft at once), of which
-the one that fits best is followed.
+Needs no training. Each pair is aligned by a deformation graph whose stiffness is lowered step by step. A coarse graph
+tries several starts (still, or going on as in the pair before; stiff first, or soft at once); a fine graph takes over
+from the one that fits best.
 """
 
 from __future__ import annotations
@@ -57,39 +57,62 @@ def align_pair(
     """Flow from `source` to `target`, and the nodes' motion as a start for the next pair."""
     working = source[farthest_points(source, config.points)]
     working_target = target[farthest_points(target, config.points)]
-    graph = build_graph(working, config.nodes, config.neighbours)
-    alignment = Alignment(graph, working, working_target, normals(working_target), spacing(working_target))
-    still = np.tile(np.eye(4), (len(graph.p_nodes), 1, 1))
-    starts = [still]
-    if previous is not None:
-        starts.append(previous.Ts[nearest(KDTree(previous.p_nodes), graph.p_nodes)[1]])
-    Ts = _coarse_to_fine(alignment, starts, config)
-    warped = _warp_all(graph, Ts, working, source)
+    noise = spacing(working_target)
+    fine = _alignment(working, working_target, config.nodes, config.neighbours, noise)
+    coarse = _alignment(
+        working[farthest_points(working, config.coarse_points)],
+        working_target[farthest_points(working_target, config.coarse_points)],
+        min(config.coarse_nodes, config.nodes),
+        config.neighbours,
+        noise,
+    )
+    Ts = _coarse_to_fine(coarse, fine, previous, config)
+    warped = _warp_all(fine.graph, Ts, working, source)
     pair = mutual_matches(source, warped, target, spacing(target), config.max_distance)
-    return pair, NodeMotion(move_points(Ts, graph.p_nodes), Ts)
+    return pair, NodeMotion(move_points(Ts, fine.graph.p_nodes), Ts)
+
+
+def _alignment(
+    source: Float64[np.ndarray, "points 3"],
+    target: Float64[np.ndarray, "targets 3"],
+    nodes: int,
+    neighbours: int,
+    noise: float,
+) -> Alignment:
+    return Alignment(build_graph(source, nodes, neighbours), source, target, normals(target), noise)
 
 
 def _coarse_to_fine(
-    alignment: Alignment, starts: list[Float64[np.ndarray, "nodes 4 4"]], config: GeometricFlowConfig
+    coarse: Alignment, fine: Alignment, previous: NodeMotion | None, config: GeometricFlowConfig
 ) -> Float64[np.ndarray, "nodes 4 4"]:
-    """From every start, stiff first and soft at once, to the middle of the schedule; the best goes on to its end.
+    """Motion of the fine nodes: the coarse graph goes from every start to the middle of the schedule, the fine one on.
 
-    Stiff first carries whole limbs over far motions; soft at once keeps what stands still where it is.
+    From each start stiff first and soft at once: stiff first carries whole limbs over far motions; soft at once keeps
+    what stands still where it is.
     """
     levels = len(config.stiffness)
-    reaches = np.geomspace(REACH_COARSE, REACH_FINE, levels)
-    schedule = list(zip(config.stiffness, reaches, strict=True))
+    schedule = list(zip(config.stiffness, np.geomspace(REACH_COARSE, REACH_FINE, levels), strict=True))
     middle = levels // 2
 
-    def follow(Ts: Float64[np.ndarray, "nodes 4 4"], levels: slice) -> Float64[np.ndarray, "nodes 4 4"]:
+    def follow(
+        alignment: Alignment, Ts: Float64[np.ndarray, "nodes 4 4"], levels: slice
+    ) -> Float64[np.ndarray, "nodes 4 4"]:
         for stiffness, reach in schedule[levels]:
             for _ in range(config.iterations):
                 Ts = alignment.step(Ts, stiffness, reach)
         return Ts
 
-    reached = [follow(start, slice(first, middle + 1)) for start in starts for first in dict.fromkeys((0, middle))]
-    best = min(reached, key=lambda Ts: alignment.cost(Ts, REACH_FINE))
-    return follow(best, slice(middle + 1, levels))
+    p_nodes = coarse.graph.p_nodes
+    starts = [np.tile(np.eye(4), (len(p_nodes), 1, 1))]
+    if previous is not None:
+        starts.append(previous.Ts[nearest(KDTree(previous.p_nodes), p_nodes)[1]])
+    reached = [
+        follow(coarse, start, slice(first, middle + 1)) for start in starts for first in dict.fromkeys((0, middle))
+    ]
+    best = min(reached, key=lambda Ts: coarse.cost(Ts, REACH_FINE))
+    # a fine node's coarse one is the nearest along the surface, so that touching limbs keep motions of their own
+    coarse_node = coarse.graph.anchors[nearest(KDTree(coarse.source), fine.graph.p_nodes)[1], 0]
+    return follow(fine, best[coarse_node], slice(min(middle + 1, levels - 1), levels))
 
 
 def _warp_all(

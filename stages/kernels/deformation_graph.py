@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
+from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from stages.kernels.nearest import KDTree, nearest, neighbours
@@ -21,6 +20,8 @@ from stages.kernels.sampling import farthest_points
 
 SURFACE_NEIGHBOURS = 8
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
+EDGE_REACH = 3.0  # gaps between neighbouring nodes much wider than this, in noise units, are taken for joints
+SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of a Gauss-Newton step's conjugate gradients
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,9 @@ class Alignment:
         # n n^T + POINT_TO_POINT I: the information that a match gives about a point's position
         self.target_information = np.einsum("ni,nj->nij", target_normals, target_normals)
         self.target_information += POINT_TO_POINT * np.eye(3)
-        self._point_cells = _scatter_cells(graph.anchors, len(graph.p_nodes))
-        self._edge_cells = _scatter_cells(graph.edges, len(graph.p_nodes))
+        self._pattern = BlockPattern(graph.edges, len(graph.p_nodes))
+        self._point_sums = self._pattern.sums(graph.anchors)
+        self._edge_sums = self._pattern.sums(graph.edges)
 
     def matches(
         self, warped: Float64[np.ndarray, "points 3"]
@@ -133,9 +135,8 @@ class Alignment:
         arms = moved - centres[graph.anchors]
         jacobian = graph.weights[:, :, None, None] * twist_jacobian(arms / self.noise)
         jacobian = jacobian.transpose(0, 2, 1, 3).reshape(len(warped), 3, -1)
-        weighted = np.einsum("nij,njb->nib", information, jacobian)
-        hessian = _scatter(self._point_cells, np.matmul(jacobian.transpose(0, 2, 1), weighted), nodes)
-        gradient = _scatter_gradient(graph.anchors, np.einsum("nib,ni->nb", jacobian, pull), nodes)
+        blocks = self._point_sums @ pair_blocks(jacobian, np.matmul(information, jacobian))
+        gradient = _sum_twists(graph.anchors, np.matmul(pull[:, None], jacobian), nodes)
 
         # stiffness: a node's idea of where its neighbour's centre is, against the neighbour's own
         k, neighbour = graph.edges.T
@@ -144,13 +145,12 @@ class Alignment:
         jacobian_k = twist_jacobian((predicted - centres[k]) / self.noise)
         jacobian_neighbour = np.broadcast_to(-twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
         edge_jacobian = np.concatenate([jacobian_k, jacobian_neighbour], axis=2)
-        edge_weight = stiffness / (1.0 + (gap**2).sum(-1) / reach**2)
+        edge_weight = stiffness / (1.0 + (gap**2).sum(-1) / EDGE_REACH**2) ** 2
         weighted = edge_weight[:, None, None] * edge_jacobian
-        hessian += _scatter(self._edge_cells, np.matmul(edge_jacobian.transpose(0, 2, 1), weighted), nodes)
-        gradient += _scatter_gradient(graph.edges, np.einsum("eib,ei->eb", weighted, gap), nodes)
+        blocks += self._edge_sums @ pair_blocks(edge_jacobian, weighted)
+        gradient += _sum_twists(graph.edges, np.matmul(gap[:, None], weighted), nodes)
 
-        hessian[np.diag_indices_from(hessian)] += 1e-6 * hessian.diagonal().max() + 1e-9
-        twists = -cho_solve(cho_factor(hessian, lower=True, check_finite=False), gradient).reshape(nodes, 6)
+        twists = -self._pattern.solve(blocks.reshape(-1, 6, 6), gradient)
         return turn_about(centres, twists, self.noise) @ Ts
 
     def cost(self, Ts: Float64[np.ndarray, "nodes 4 4"], reach: float) -> float:
@@ -159,19 +159,60 @@ class Alignment:
         return float(np.mean(distance**2 / (1.0 + (distance / reach) ** 2)))
 
 
-def _scatter_cells(groups: Int64[np.ndarray, "rows k"], nodes: int) -> Int64[np.ndarray, "rows b b"]:
-    """Flat positions, in the (6 nodes)^2 Hessian, of each row's block over its k nodes."""
-    unknowns = (6 * groups[:, :, None] + np.arange(6)).reshape(len(groups), -1)
-    return unknowns[:, :, None] * (6 * nodes) + unknowns[:, None, :]
+class BlockPattern:
+    """Which 6 x 6 blocks of a graph's Hessian are filled: the diagonal ones and one for each edge, row by row."""
+
+    def __init__(self, edges: Int64[np.ndarray, "edges 2"], nodes: int) -> None:
+        self.nodes = nodes
+        diagonal = np.arange(nodes) * (nodes + 1)
+        self._cells = np.sort(np.concatenate([diagonal, edges[:, 0] * nodes + edges[:, 1]]))
+        self._columns = self._cells % nodes
+        self._row_starts = np.searchsorted(self._cells, np.arange(nodes + 1) * nodes)
+        self._diagonal = np.searchsorted(self._cells, diagonal)
+
+    def sums(self, groups: Int64[np.ndarray, "rows k"]) -> csr_array:
+        """The matrix (blocks, rows * k * k) that adds up each row's blocks over pairs of its k nodes."""
+        cells = (groups[:, :, None] * self.nodes + groups[:, None, :]).ravel()
+        entries = np.searchsorted(self._cells, cells)
+        return csr_array((np.ones(len(cells)), (entries, np.arange(len(cells)))), shape=(len(self._cells), len(cells)))
+
+    def solve(
+        self, blocks: Float64[np.ndarray, "blocks 6 6"], gradient: Float64[np.ndarray, "nodes 6"]
+    ) -> Float64[np.ndarray, "nodes 6"]:
+        """Hessian^-1 gradient, by conjugate gradients preconditioned with the diagonal blocks."""
+        axes = np.arange(6)
+        diagonal = blocks[self._diagonal]
+        diagonal[:, axes, axes] += 1e-6 * diagonal[:, axes, axes].max() + 1e-9
+        blocks[self._diagonal] = diagonal
+        hessian = bsr_array((blocks, self._columns, self._row_starts), shape=(6 * self.nodes, 6 * self.nodes))
+        inverse = np.linalg.inv(diagonal)
+        x, direction, residual = np.zeros(gradient.size), np.zeros(gradient.size), gradient.ravel()
+        first, before = 0.0, np.inf
+        for _ in range(SOLVE_ITERATIONS):
+            preconditioned = np.matmul(inverse, residual.reshape(-1, 6, 1)).ravel()
+            now = residual @ preconditioned
+            first = first or now
+            if now <= SOLVE_TOLERANCE**2 * first:
+                break
+            direction = preconditioned + (now / before) * direction
+            product = hessian @ direction
+            length = now / (direction @ product)
+            x += length * direction
+            residual = residual - length * product
+            before = now
+        return x.reshape(-1, 6)
 
 
-def _scatter(cells: Int64[np.ndarray, "rows b b"], blocks: Float64[np.ndarray, "rows b b"], nodes: int) -> np.ndarray:
-    size = 6 * nodes
-    return np.bincount(cells.ravel(), blocks.ravel(), minlength=size * size).reshape(size, size)
+def pair_blocks(
+    left: Float64[np.ndarray, "rows 3 b"], right: Float64[np.ndarray, "rows 3 b"]
+) -> Float64[np.ndarray, "pairs 36"]:
+    """left^T right of each row, cut into 6 x 6 blocks over pairs of the row's nodes."""
+    rows, k = len(left), left.shape[2] // 6
+    products = np.matmul(left.transpose(0, 2, 1), right).reshape(rows, k, 6, k, 6)
+    return products.transpose(0, 1, 3, 2, 4).reshape(-1, 36)
 
 
-def _scatter_gradient(
-    groups: Int64[np.ndarray, "rows k"], values: Float64[np.ndarray, "rows b"], nodes: int
-) -> np.ndarray:
-    unknowns = (6 * groups[:, :, None] + np.arange(6)).reshape(len(groups), -1)
-    return np.bincount(unknowns.ravel(), values.ravel(), minlength=6 * nodes)
+def _sum_twists(
+    groups: Int64[np.ndarray, "rows k"], values: Float64[np.ndarray, "rows 1 b"], nodes: int
+) -> Float64[np.ndarray, "nodes 6"]:
+    return sum_groups(values.reshape(-1, 6), groups.ravel(), nodes)

@@ -17,28 +17,29 @@ def expansion_move(
     stay: Float64[np.ndarray, "free"],
     switch: Float64[np.ndarray, "free"],
     edges: Int64[np.ndarray, "edges 2"],
-    smoothness: float,
+    prices: Float64[np.ndarray, "edges"],
 ) -> tuple[Bool[np.ndarray, "free"], float]:
     """The best set of `nodes` to be given the label `alpha`, and how much it lowers the energy.
 
-    The energy is the sum of the nodes' costs (`stay` with their present label, `switch` with alpha) plus
-    `smoothness` for every edge between different labels (Potts). One minimum cut finds the global optimum
+    The energy is the sum of the nodes' costs (`stay` with their present label, `switch` with alpha) plus the
+    price of every edge between different labels (Potts). One minimum cut finds the global optimum
     of the move.
     """
     place = np.full(len(labels), -1)
     place[nodes] = np.arange(len(nodes))
-    edges = edges[(place[edges] >= 0).any(axis=1)]
+    near = (place[edges] >= 0).any(axis=1)
+    edges, prices = edges[near], prices[near]
     cost_switch, cost_stay = switch.astype(np.float64), stay.astype(np.float64)
     for inner, outer in (edges.T, edges[:, ::-1].T):  # edges with one end that cannot change
         fixed = place[outer] < 0
         node, other = place[inner[fixed]], labels[outer[fixed]]
-        np.add.at(cost_switch, node, smoothness * (other != alpha))
-        np.add.at(cost_stay, node, smoothness * (labels[inner[fixed]] != other))
+        np.add.at(cost_switch, node, prices[fixed] * (other != alpha))
+        np.add.at(cost_stay, node, prices[fixed] * (labels[inner[fixed]] != other))
     free = (place[edges] >= 0).all(axis=1)
     i, j = place[edges[free]].T
-    both_stay = smoothness * (labels[nodes[i]] != labels[nodes[j]])
-    j_switches = smoothness * (labels[nodes[i]] != alpha)
-    i_switches = smoothness * (labels[nodes[j]] != alpha)
+    both_stay = prices[free] * (labels[nodes[i]] != labels[nodes[j]])
+    j_switches = prices[free] * (labels[nodes[i]] != alpha)
+    i_switches = prices[free] * (labels[nodes[j]] != alpha)
     # E(x_i, x_j) = both_stay + (i_switches - both_stay) x_i - i_switches x_j + coupling (1 - x_i) x_j
     np.add.at(cost_switch, i, i_switches - both_stay)
     np.add.at(cost_switch, j, -i_switches)

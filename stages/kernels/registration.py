@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -15,6 +16,20 @@ from stages.kernels.sampling import normals, spacing
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
 PLANE_NOISE = 0.4  # spread of plane distances, in spacings, where a model fits
 DAMPING = 1e-4
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """What the data say of every part's motion in every frame: their robust cost, and its quadratic model in twists.
+
+    Twists turn about `centres`, the parts' own centres where they lie in each frame: angles in radians, lengths in
+    noise units. Nothing is said of the canonical frame.
+    """
+
+    cost: float
+    hessian: Float64[np.ndarray, "frames parts 6 6"]
+    gradient: Float64[np.ndarray, "frames parts 6"]
+    centres: Float64[np.ndarray, "frames parts 3"]
 
 
 class Registration:
@@ -30,7 +45,7 @@ class Registration:
         self.noise = spacing(self.p)
         self.others = [t for t in range(len(frames)) if t != canonical_frame]
         self.frames = frames
-        self._trees = [KDTree(frame) for frame in frames]
+        self.trees = [KDTree(frame) for frame in frames]
         self._normals = [normals(frame) for frame in frames]
 
     def cost(
@@ -38,7 +53,7 @@ class Registration:
         index: Int64[np.ndarray, "entries"],
         group: Int64[np.ndarray, "entries"],
         Ts: Float64[np.ndarray, "frames groups 4 4"],
-        truncation: float,
+        truncation: float = 9.0,
     ) -> Float64[np.ndarray, "entries"]:
         """How badly each point's motion is borne out, averaged over frames.
 
@@ -96,31 +111,45 @@ class Registration:
         would be free to slide and turn on themselves.
         """
         Ts, parts = Ts.copy(), Ts.shape[1]
-        index = np.arange(len(self.p))
-        centres = _group_means(self.p, labels, parts)
         middles = self.p[contacts].mean(axis=1)
         sides = labels[contacts].T
         for _ in range(iterations):
+            equations = self.linearise(labels, Ts, reach)
             for t in self.others:
-                p, target, _, distance = self._matches(t, index, labels, Ts)
-                back_distance, back = nearest(KDTree(p), self.frames[t])
-                source = np.concatenate([index, back])
-                target = np.concatenate([target, np.arange(len(back))])
-                weight = _robust_weight(np.concatenate([distance, back_distance / self.noise]), reach)
-                offset = (p[source] - self.frames[t][target]) / self.noise
-                p_centres = move_points(Ts[t], centres)
-                part = labels[source]
-                blocks, gradient = _normal_equations(
-                    (p[source] - p_centres[part]) / self.noise, part, parts, self._normals[t][target], offset, weight
-                )
                 hessian = np.zeros((parts, parts, 6, 6))
-                hessian[np.arange(parts), np.arange(parts)] = blocks
-                self._attach(hessian, gradient, middles, sides, Ts[t], p_centres, reach, attachment)
+                hessian[np.arange(parts), np.arange(parts)] = equations.hessian[t]
+                gradient, centres = equations.gradient[t], equations.centres[t]
+                self._attach(hessian, gradient, middles, sides, Ts[t], centres, reach, attachment)
                 matrix = hessian.transpose(0, 2, 1, 3).reshape(6 * parts, 6 * parts)
                 matrix[np.diag_indices_from(matrix)] += 1e-3 + DAMPING * matrix.diagonal()
                 twists = -np.linalg.solve(matrix, gradient.ravel()).reshape(parts, 6)
-                Ts[t] = turn_about(p_centres, twists, self.noise) @ Ts[t]
+                Ts[t] = turn_about(centres, twists, self.noise) @ Ts[t]
         return Ts
+
+    def linearise(
+        self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], reach: float
+    ) -> NormalEquations:
+        """Matches from model to frame and from frame to model, and what they say of each part's motion."""
+        frames, parts = Ts.shape[:2]
+        index = np.arange(len(self.p))
+        own_centres = _group_means(self.p, labels, parts)
+        hessian, gradient = np.zeros((frames, parts, 6, 6)), np.zeros((frames, parts, 6))
+        centres = np.stack([move_points(T, own_centres) for T in Ts])
+        cost = 0.0
+        for t in self.others:
+            p, target, _, distance = self._matches(t, index, labels, Ts)
+            back_distance, back = nearest(KDTree(p), self.frames[t])
+            source = np.concatenate([index, back])
+            target = np.concatenate([target, np.arange(len(back))])
+            distance = np.concatenate([distance, back_distance / self.noise])
+            offset = (p[source] - self.frames[t][target]) / self.noise
+            part, normal = labels[source], self._normals[t][target]
+            arms = (p[source] - centres[t, part]) / self.noise
+            weight = _robust_weight(distance, reach)
+            hessian[t], gradient[t] = _normal_equations(arms, part, parts, normal, offset, weight)
+            squares = np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
+            cost += float((squares * np.sqrt(weight)).sum())
+        return NormalEquations(cost, hessian, gradient, centres)
 
     def _matches(
         self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray
@@ -128,7 +157,7 @@ class Registration:
         """Moved points, their nearest in frame t, and offset and distance to it in spacings."""
         T_points = Ts[t, group]
         p = move_points(T_points, self.p[index])
-        distance, target = nearest(self._trees[t], p)
+        distance, target = nearest(self.trees[t], p)
         return p, target, (p - self.frames[t][target]) / self.noise, distance / self.noise
 
     def _attach(
@@ -185,17 +214,32 @@ def _normal_equations(
     offset: Float64[np.ndarray, "entries 3"],
     weight: Float64[np.ndarray, "entries"],
 ) -> tuple[Float64[np.ndarray, "groups 6 6"], Float64[np.ndarray, "groups 6"]]:
-    """Hessian and gradient of each group's twist for plane distances and, lightly, point distances."""
-    jacobian = twist_jacobian(arms)
-    along = np.einsum("ni,nia->na", normal, jacobian)
-    rows = np.concatenate([along[:, None], np.sqrt(POINT_TO_POINT) * jacobian], axis=1)
-    residuals = np.concatenate(
-        [np.einsum("ni,ni->n", normal, offset)[:, None], np.sqrt(POINT_TO_POINT) * offset], axis=1
-    )
-    weighted = weight[:, None, None] * rows
-    hessian = np.matmul(weighted.transpose(0, 2, 1), rows).reshape(-1, 36)
-    gradient = np.einsum("nra,nr->na", weighted, residuals)
-    return sum_groups(hessian, group, groups).reshape(-1, 6, 6), sum_groups(gradient, group, groups)
+    """Hessian and gradient of each group's twist for plane distances and, lightly, point distances.
+
+    With J = [-skew(arm), I], the point distances' share follows from the moments of (arm, 1) and the offsets.
+    """
+    by_group = np.argsort(group, kind="stable")
+    bounds = np.searchsorted(group[by_group], np.arange(groups + 1))
+    root = np.sqrt(weight)[:, None]
+    along = (root * np.concatenate([np.cross(arms, normal), normal], axis=1))[by_group]
+    distance = (root[:, 0] * np.einsum("ni,ni->n", normal, offset))[by_group]
+    lever = (root * np.concatenate([arms, np.ones((len(arms), 1))], axis=1))[by_group]
+    pull = (root * offset)[by_group]
+    hessian, gradient = np.empty((groups, 6, 6)), np.empty((groups, 6))
+    moments, pulls = np.empty((groups, 4, 4)), np.empty((groups, 4, 3))
+    for k in range(groups):
+        own = slice(bounds[k], bounds[k + 1])
+        hessian[k], gradient[k] = along[own].T @ along[own], along[own].T @ distance[own]
+        moments[k], pulls[k] = lever[own].T @ lever[own], lever[own].T @ pull[own]
+    second, mass = moments[:, :3, :3], moments[:, 3, 3, None, None]
+    turn = twist_jacobian(moments[:, :3, 3])[..., :3]  # minus the skew matrix of the arms' sum
+    inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    upper = np.concatenate([inertia, turn.transpose(0, 2, 1)], axis=2)
+    lower = np.concatenate([turn, mass * np.eye(3)], axis=2)
+    hessian += POINT_TO_POINT * np.concatenate([upper, lower], axis=1)
+    torque = np.stack([pulls[:, i, j] - pulls[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
+    gradient += POINT_TO_POINT * np.concatenate([torque, pulls[:, 3]], axis=1)
+    return hessian, gradient
 
 
 def _scaled_identity(hessian: Float64[np.ndarray, "groups 6 6"]) -> Float64[np.ndarray, "groups 6 6"]:

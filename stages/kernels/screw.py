@@ -82,9 +82,11 @@ def fit_screw(
 
 
 def _principal_direction(v: Float[Tensor, "*batch frames 3"]) -> Float[Tensor, "*batch 3"]:
-    """The unit direction along which the vectors are longest; along z when all are zero."""
+    """The unit direction along which the vectors are longest, its greatest component positive; z when all are zero."""
     scatter = v.transpose(-1, -2) @ v
-    return torch.linalg.eigh(scatter)[1][..., 2]
+    direction = torch.linalg.eigh(scatter)[1][..., 2]
+    greatest = direction.gather(-1, direction.abs().argmax(dim=-1, keepdim=True))
+    return torch.where(greatest < 0, -direction, direction)
 
 
 def _fit_about(

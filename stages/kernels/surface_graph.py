@@ -10,8 +10,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from stages.kernels.nearest import neighbours
-from stages.kernels.sampling import spacing
+from stages.kernels.sampling import normals, spacing
 
+CREASE, LEAST_WEIGHT = 0.1, 0.1  # 1 - |cos| of the angle between normals at which a weight has fallen to 1/e; its floor
 LONGEST_EDGE = 6.0  # longer edges, in spacings, bridge gaps between surfaces
 
 
@@ -46,6 +47,20 @@ class SurfaceGraph:
         a, b = self.edges.T
         same = labels[a] == labels[b]
         return connected_components(self.adjacency(np.ones(len(self.edges)), same), directed=False)[1]
+
+
+def smoothness_weights(
+    points: Float64[np.ndarray, "points 3"], graph: SurfaceGraph, normal_neighbours: int = 12
+) -> Float64[np.ndarray, "edges"]:
+    """How little the surface bends along each edge: near one where it is flat, small at creases; one in the mean.
+
+    Parts of a thing usually meet at creases, and surfaces that cross are not one.
+    """
+    n = normals(points, normal_neighbours)
+    a, b = graph.edges.T
+    bend = 1.0 - np.abs(np.einsum("ni,ni->n", n[a], n[b]))
+    weights = LEAST_WEIGHT + (1.0 - LEAST_WEIGHT) * np.exp(-bend / CREASE)
+    return weights / weights.mean() if len(weights) else weights
 
 
 def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = 6) -> SurfaceGraph:

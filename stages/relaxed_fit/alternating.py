@@ -9,6 +9,7 @@ more parts from registering small patches of the surface by themselves.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -22,14 +23,15 @@ from stages.kernels.graph_cut import expansion_move
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import Registration
 from stages.kernels.rigid_clustering import moments, rigid_motion
-from stages.kernels.sampling import farthest_points
+from stages.kernels.sampling import farthest_points, working_points
 from stages.kernels.surface_graph import SurfaceGraph, surface_graph
 from stages.progress import Progress
 from stages.relaxed_fit.start import start_from_flow
 
 REACH_FIRST, REACH, REACH_LAST = 5.0, 3.0, 2.0  # robust reach of registration, in spacings
-MERGE_SAMPLE = 300  # points of a part that stand for it when a merge is tried
+MERGE_SAMPLE = 120  # points of a part that stand for it when a merge is tried
 MIN_PATCH = 12  # a part is not founded on fewer points
+SPECK = 0.004  # connected pieces with a smaller share of the points are no parts
 OUT_OF_REACH = np.inf  # cost of a label that a point does not consider
 
 
@@ -62,6 +64,11 @@ class Problem:
     def everything(self) -> Int64[np.ndarray, "points"]:
         return np.arange(len(self.registration.p))
 
+    @cached_property
+    def prices(self) -> Float64[np.ndarray, "edges"]:
+        """What each surface edge costs when it runs between two parts."""
+        return np.full(len(self.graph.edges), self.config.boundary_price)
+
     def point_costs(self, parts: Parts) -> Float64[np.ndarray, "points"]:
         return self.registration.cost(self.everything, parts.labels, parts.Ts, self.config.truncation)
 
@@ -82,7 +89,7 @@ def solve_alternating(
 ) -> RelaxedModel:
     """Fit parts and motions by alternation; deterministic, `rng` is not drawn from."""
     settings = config.alternating
-    frames = [frame[farthest_points(frame, settings.points)] for frame in sequence.frames()]
+    frames = [frame[working_points(frame, settings.points)] for frame in sequence.frames()]
     registration = Registration(frames, canonical_frame)
     trajectories = follow_flow(registration.p, sequence, flow, canonical_frame, config.energy.flow_neighbours)
     problem = Problem(registration, surface_graph(registration.p), settings)
@@ -96,7 +103,8 @@ def solve_alternating(
             parts = split(parts, problem)
         history.append([problem.energy(parts), 0.0, 0.0, 0.0])
         progress(round_ + 1, settings.rounds, history[-1][0] / len(registration.p))
-    parts = refine(absorb_specks(parts, problem), problem, 4, REACH_LAST)
+    parts = absorb_small_parts(absorb_specks(parts, problem), problem)
+    parts = refine(parts, problem, 4, REACH_LAST)
     p_all = sequence.frames()[canonical_frame]
     return RelaxedModel(
         canonical_frame=canonical_frame,
@@ -134,7 +142,7 @@ def relabel(parts: Parts, problem: Problem, sweeps: int = 2) -> Parts:
                 costs[nodes, labels[nodes]],
                 costs[nodes, part],
                 problem.graph.edges,
-                problem.config.boundary_price,
+                problem.prices,
             )
             if gain > 0:
                 labels = labels.copy()
@@ -230,7 +238,7 @@ def _try_part(
     for attempt in range(2):
         switch = registration.cost(nodes, np.zeros_like(nodes), T_new, config.truncation)
         switches, gain = expansion_move(
-            parts.labels, parts.count, nodes, stay, switch, problem.graph.edges, config.boundary_price
+            parts.labels, parts.count, nodes, stay, switch, problem.graph.edges, problem.prices
         )
         chosen = nodes[switches]
         if len(chosen) < MIN_PATCH:
@@ -246,7 +254,7 @@ def _try_part(
 
 def absorb_specks(parts: Parts, problem: Problem) -> Parts:
     """Connected pieces too small to be parts given to the part that they touch most."""
-    least = problem.config.min_part_share * len(parts.labels)
+    least = SPECK * len(parts.labels)
     pieces = problem.graph.components(parts.labels)
     labels = parts.labels.copy()
     a, b = problem.graph.edges.T
@@ -255,4 +263,21 @@ def absorb_specks(parts: Parts, problem: Problem) -> Parts:
         around = np.concatenate([labels[b[inside_a & ~inside_b]], labels[a[inside_b & ~inside_a]]])
         if len(around):
             labels[pieces == piece] = np.bincount(around).argmax()
+    return Parts(labels, parts.Ts).compact()
+
+
+def absorb_small_parts(parts: Parts, problem: Problem) -> Parts:
+    """Parts too small to tell from noise given, smallest first, to the touching part whose motion suits them best."""
+    least = problem.config.min_part_share * len(parts.labels)
+    labels = parts.labels.copy()
+    for part in np.argsort(np.bincount(labels, minlength=parts.count), kind="stable").tolist():
+        members = np.flatnonzero(labels == part)
+        if len(members) >= least:
+            continue
+        pairs = problem.graph.crossings(labels)[0]
+        touching = np.setdiff1d(pairs[(pairs == part).any(axis=1)], [part])
+        if len(touching):
+            point, group = np.repeat(members, len(touching)), np.tile(touching, len(members))
+            costs = problem.registration.cost(point, group, parts.Ts, problem.config.truncation)
+            labels[members] = touching[costs.reshape(len(members), -1).sum(axis=0).argmin()]
     return Parts(labels, parts.Ts).compact()

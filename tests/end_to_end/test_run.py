@@ -81,7 +81,7 @@ def test_status_tells_done_and_failed_and_why(finished):
 
 def test_a_final_fit_setting_reruns_only_the_final_fit_and_what_follows(copy):
     before = copy.times()
-    outcome = copy.reart(*RUN, "--sequences", "box", "--set", "final_fit.learning_rate=0.02")
+    outcome = copy.reart(*RUN, "--sequences", "box", "--set", "final_fit.reach=1.5")
     assert outcome.returncode == 0
     after = copy.times()
     assert before.items() <= after.items()  # side by side

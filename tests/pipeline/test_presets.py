@@ -36,7 +36,7 @@ def test_paper_adds_the_published_settings_to_a_data_set():
     assert config.ingest.source == "roboart"
     assert (config.relaxed_fit.gumbel.iterations, config.relaxed_fit.gumbel.start) == (15000, "identity")
     assert (config.relaxed_fit.energy.lambda_emd, config.relaxed_fit.energy.emd_every) == (0.3, 5)
-    assert (config.final_fit.iterations, config.final_fit.energy.emd_downsampling) == (200, 2)
+    assert (config.final_fit.hidden_links, config.final_fit.relabel) == (False, False)
 
 
 def test_overrides_come_after_presets_and_the_last_one_wins():
@@ -84,8 +84,8 @@ def test_an_unknown_setting_is_refused_with_the_nearest_known(override, suggesti
         "seed=1.5",
         "flow=3",
         "seed.a=3",
-        "final_fit.learning_rate=0",
-        "final_fit.learning_rate=inf",
+        "final_fit.reach=0",
+        "final_fit.reach=inf",
         "merging.threshold=nan",
         "ingest.units=meter",
         "relaxed_fit.gumbel=5",

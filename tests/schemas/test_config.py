@@ -32,7 +32,7 @@ def test_a_configuration_cannot_be_changed():
         {"relaxed_fit": {"energy": {"lambda_cd": -1}}},
         {"merging": {"threshold": -0.1}},
         {"canonical_frame": {"candidates": 0}},
-        {"final_fit": {"learning_rate": 0}},
+        {"final_fit": {"reach": 0}},
     ],
 )
 def test_settings_out_of_range_are_refused(values):

@@ -3,7 +3,7 @@ import pytest
 
 from schemas.config import ProjectionConfig
 from schemas.relaxed import RelaxedModel
-from stages.projection import group_energy, link_parts, part_samples, project, spanning_tree, spatial_energies
+from stages.projection import group_energy, link_parts, project, spanning_tree, spatial_energies
 
 CONFIG = ProjectionConfig()
 
@@ -30,13 +30,13 @@ def test_finds_the_known_joint(two_part_object):
     assert model.e_1dof[0] < 1e-10
 
 
-def test_spatial_energy_equals_its_naive_twin(hinge):
-    p = hinge.sequence.frames()[2]
-    samples = part_samples(p, hinge.canonical_labels, 20)
-    expected = min(((x - y) ** 2).sum() for x in samples[0] for y in samples[1])
-    energies = spatial_energies(samples)
-    assert energies[0, 1] == pytest.approx(expected)
-    assert energies[1, 0] == pytest.approx(expected)
+@pytest.mark.parametrize("contact", [0.0, 0.05, 1.0])
+def test_spatial_energy_equals_its_naive_twin(hinge, contact):
+    p, labels = hinge.sequence.frames()[2], hinge.canonical_labels
+    nearest = min(np.linalg.norm(x - y) for x in p[labels == 0] for y in p[labels == 1])
+    energies = spatial_energies(p, labels, contact)
+    assert energies[0, 1] == energies[1, 0] == pytest.approx(max(nearest - contact, 0) ** 2)
+    assert energies[0, 0] == 0
 
 
 def test_group_energy_equals_its_naive_twin(hinge):

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from stages.kernels import se3
-from stages.kernels.deformation_graph import Alignment, build_graph, deform
+from stages.kernels.deformation_graph import Alignment, BlockPattern, build_graph, deform, pair_blocks
 from stages.kernels.sampling import normals, spacing
 
 
@@ -52,3 +52,38 @@ def test_limbs_that_are_close_but_not_connected_have_nodes_of_their_own():
     upper_nodes = graph.p_nodes[:, 2] > 0.15
     upper_points = both[:, 2] > 0.15
     assert (upper_nodes[graph.anchors] == upper_points[:, None]).all()
+
+
+def test_the_block_solver_agrees_with_a_dense_one(graph):
+    rng, nodes = np.random.default_rng(3), len(graph.p_nodes)
+    pattern = BlockPattern(graph.edges, nodes)
+    left = rng.normal(size=(len(graph.anchors), 3, 24))
+    products = np.matmul(left.transpose(0, 2, 1), left)
+    unknowns = (6 * graph.anchors[:, :, None] + np.arange(6)).reshape(len(left), -1)
+    dense = np.zeros((6 * nodes, 6 * nodes))
+    np.add.at(dense, (unknowns[:, :, None], unknowns[:, None, :]), products)
+    x = rng.normal(size=6 * nodes)
+    blocks = (pattern.sums(graph.anchors) @ pair_blocks(left, left)).reshape(-1, 6, 6)
+    solved = pattern.solve(blocks, (dense @ x).reshape(-1, 6)).ravel()
+    assert np.linalg.norm(solved - x) < 0.05 * np.linalg.norm(x)
+
+
+def test_a_zero_gradient_is_solved_by_standing_still(graph):
+    pattern = BlockPattern(graph.edges, len(graph.p_nodes))
+    blocks = pattern.sums(graph.edges) @ np.tile(np.eye(6).ravel(), (4 * len(graph.edges), 1))
+    np.testing.assert_array_equal(pattern.solve(blocks.reshape(-1, 6, 6), np.zeros((len(graph.p_nodes), 6))), 0)
+
+
+def test_a_joint_costs_less_stiffness_the_farther_it_opens(graph):
+    """The pull across a gap grows less than the gap itself."""
+    p, right = graph.p_nodes, graph.p_nodes[:, 0] > 0
+
+    def pull(gap):
+        Ts = np.tile(np.eye(4), (len(p), 1, 1))
+        Ts[right, 0, 3] = gap
+        # the target is where the source has been moved to: only stiffness pulls
+        target = deform(graph, Ts, bumpy_sheet(0))
+        alignment = Alignment(graph, bumpy_sheet(0), target, normals(target), spacing(target))
+        return np.linalg.norm((alignment.step(Ts, 3.0, 4.0) - Ts)[:, :3, 3])
+
+    assert pull(0.8) < pull(0.1)

@@ -97,3 +97,41 @@ def test_twist_jacobian_is_the_derivative_of_turning():
     for column, twist in enumerate(np.eye(6)):
         T = turn_about(np.zeros((1, 3)), step * twist[None], 1.0)[0]
         np.testing.assert_allclose((T[:3, :3] @ arm + T[:3, 3] - arm) / step, twist_jacobian(arm)[:, column], atol=1e-5)
+
+
+def test_linearise_is_the_quadratic_model_of_its_cost(registration, hinge):
+    """Half the cost's derivative by each part's twist, where matches far apart are not weighed down."""
+    labels, start, step = hinge.canonical_labels, disturbed(true_Ts(hinge), 0.02), 1e-7
+    equations = registration.linearise(labels, start, 1e6)
+    for t, part, column in ((0, 1, 1), (1, 0, 5), (3, 1, 2), (4, 0, 0), (4, 1, 3)):
+        costs = []
+        for sign in (1, -1):
+            twist = np.zeros((1, 6))
+            twist[0, column] = sign * step
+            Ts = start.copy()
+            Ts[t, part] = turn_about(equations.centres[t, [part]], twist, registration.noise)[0] @ Ts[t, part]
+            costs.append(registration.linearise(labels, Ts, 1e6).cost)
+        assert (costs[0] - costs[1]) / (4 * step) == pytest.approx(equations.gradient[t, part, column], rel=1e-3)
+    np.testing.assert_allclose(equations.hessian, equations.hessian.transpose(0, 1, 3, 2))
+    assert np.linalg.eigvalsh(equations.hessian[[0, 1, 3, 4]]).min() > 0
+
+
+def test_linearise_says_nothing_of_the_canonical_frame_nor_of_parts_without_points(registration, hinge):
+    Ts = disturbed(true_Ts(hinge)[:, [0, 1, 1]], 0.02)
+    equations = registration.linearise(hinge.canonical_labels, Ts, 2.0)
+    assert not equations.hessian[2].any()
+    assert not equations.gradient[2].any()
+    assert not equations.hessian[:, 2].any()
+    p = hinge.sequence.frames()[2][hinge.canonical_labels == 1]
+    np.testing.assert_allclose(equations.centres[3, 1], (Ts[3, 1, :3, :3] @ p.T).mean(axis=1) + Ts[3, 1, :3, 3])
+
+
+def test_linearised_cost_is_least_near_the_truth_and_bounded_far_away(registration, hinge):
+    cost = [
+        registration.linearise(hinge.canonical_labels, Ts, 2.0).cost
+        for Ts in (true_Ts(hinge), disturbed(true_Ts(hinge), 0.02), np.tile(np.eye(4), (5, 2, 1, 1)))
+    ]
+    assert cost[0] < cost[1] < cost[2]
+    away = true_Ts(hinge)
+    away = np.where(np.arange(5)[:, None, None, None] == 2, away, away + 1e4 * np.eye(4, k=3))
+    assert registration.linearise(hinge.canonical_labels, away, 2.0).cost < 4 * 800 * 2.0**2 * 1.1

@@ -1,6 +1,6 @@
 import numpy as np
 
-from stages.kernels.sampling import farthest_points, normals, spacing
+from stages.kernels.sampling import THINNING, farthest_points, normals, spacing, working_points
 
 RNG = np.random.default_rng(0)
 
@@ -33,3 +33,24 @@ def test_normals_of_a_sphere_point_outwards_or_inwards():
 def test_duplicates_of_chosen_points_are_not_chosen():
     points = np.repeat(np.eye(3), 5, axis=0)
     assert len(farthest_points(points, 10)) == 3
+
+
+def test_working_points_of_a_large_cloud_are_spread_and_always_the_same():
+    rng = np.random.default_rng(1)
+    cloud = rng.uniform(size=(20 * THINNING, 3))
+    cloud[: len(cloud) // 2] *= 0.1  # dense in a corner
+    chosen = working_points(cloud, 10)
+    np.testing.assert_array_equal(chosen, working_points(cloud, 10))
+    assert len(np.unique(chosen)) == 10
+    at_random = [rng.choice(len(cloud), 10, replace=False) for _ in range(50)]
+
+    def widest_gap(indices):
+        return np.linalg.norm(cloud[:, None] - cloud[indices][None], axis=-1).min(axis=1).max()
+
+    assert widest_gap(chosen) < 0.8 * np.median([widest_gap(indices) for indices in at_random])
+
+
+def test_working_points_of_a_cloud_that_need_not_be_thinned_are_the_farthest():
+    cloud = RNG.normal(size=(THINNING * 10, 3))
+    np.testing.assert_array_equal(working_points(cloud, 10), farthest_points(cloud, 10))
+    np.testing.assert_array_equal(working_points(cloud[:7], 10), np.arange(7))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.kernels.surface_graph import surface_graph
+from stages.kernels.surface_graph import smoothness_weights, surface_graph
 
 LINE = np.column_stack([np.arange(20) * 0.1, np.zeros((20, 2))])
 
@@ -32,3 +32,34 @@ def test_components_are_connected_pieces_of_one_label():
     pieces = surface_graph(LINE, count=2).components(labels)
     assert len(np.unique(pieces)) == 3
     assert len(np.unique(pieces[:5])) == 1
+
+
+def sheet(seed=0):
+    uv = np.random.default_rng(seed).uniform(size=(700, 2))
+    return np.column_stack([uv, np.zeros(700)])
+
+
+def test_a_flat_surface_bends_nowhere():
+    points = sheet()
+    np.testing.assert_allclose(smoothness_weights(points, surface_graph(points)), 1)
+
+
+def test_cuts_along_a_crease_are_cheap_and_the_mean_is_one():
+    points = np.concatenate([sheet(0), sheet(1)[:, [2, 1, 0]]])  # two walls that meet at x = z = 0
+    graph = surface_graph(points, 8)
+    weights = smoothness_weights(points, graph)
+    ends = points[graph.edges]
+    at_crease = (graph.edges < 700).sum(axis=1) == 1
+    elsewhere = (ends[:, 0, 0] < 0.5) != (ends[:, 1, 0] < 0.5)
+    assert weights[at_crease].sum() < 0.6 * weights[elsewhere].sum()
+    assert weights[at_crease].mean() < 0.5 * weights[elsewhere].mean()
+    assert weights.mean() == pytest.approx(1)
+    assert weights.min() > 0
+    np.testing.assert_allclose(smoothness_weights(1000 * points, graph), weights, atol=1e-9)
+
+
+def test_a_graph_without_edges_has_no_weights():
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    graph = surface_graph(points)
+    lone = type(graph)(20, graph.edges[:0], graph.lengths[:0])
+    assert smoothness_weights(points, lone).shape == (0,)

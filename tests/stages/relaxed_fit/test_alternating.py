@@ -1,12 +1,23 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import AlternatingConfig, RelaxedFitConfig
 from stages.kernels.registration import Registration
-from stages.kernels.surface_graph import surface_graph
+from stages.kernels.surface_graph import SurfaceGraph, surface_graph
 from stages.relaxed_fit import fit_relaxed
-from stages.relaxed_fit.alternating import Parts, Problem, absorb_specks, merge, refine, relabel, split
+from stages.relaxed_fit.alternating import (
+    Parts,
+    Problem,
+    absorb_small_parts,
+    absorb_specks,
+    merge,
+    refine,
+    relabel,
+    split,
+)
 
 SETTINGS = AlternatingConfig(points=400, start_parts=6, rounds=4, closing_rounds=2, patches=20, patch_points=30)
 CONFIG = RelaxedFitConfig(solver="alternating", alternating=SETTINGS)
@@ -76,8 +87,7 @@ def test_relabel_repairs_wrong_labels(hinge):
 def test_specks_are_absorbed(hinge):
     labels = hinge.canonical_labels.copy()
     labels[0] = 1
-    settings = SETTINGS.model_copy(update={"min_part_share": 0.01})
-    cleaned = absorb_specks(Parts(labels, hinge.Ts_frame_canonical), problem_of(hinge, settings))
+    cleaned = absorb_specks(Parts(labels, hinge.Ts_frame_canonical), problem_of(hinge))
     np.testing.assert_array_equal(cleaned.labels, hinge.canonical_labels)
 
 
@@ -86,3 +96,39 @@ def test_energy_adds_up_costs_boundaries_and_parts(hinge):
     boundary = sum(parts.labels[a] != parts.labels[b] for a, b in problem.graph.edges)
     expected = problem.point_costs(parts).sum() + boundary * SETTINGS.boundary_price + 2 * SETTINGS.part_price
     assert problem.energy(parts) == pytest.approx(expected)
+
+
+def with_a_small_part(truth, size):
+    """The true parts, but for the `size` points of part 1 nearest to part 0, which are a part of their own and touch
+    both; and the problem."""
+    p = truth.sequence.frames()[2]
+    labels = truth.canonical_labels.copy()
+    moving = np.flatnonzero(labels == 1)
+    small = moving[np.argsort(p[moving, 0])[:size]]
+    labels[small] = 2
+    problem = problem_of(truth, SETTINGS.model_copy(update={"min_part_share": 0.03}))
+    bridges = np.column_stack([np.arange(size), small])
+    lengths = np.linalg.norm(p[bridges[:, 0]] - p[bridges[:, 1]], axis=1)
+    graph = problem.graph
+    graph = SurfaceGraph(400, np.concatenate([graph.edges, bridges]), np.concatenate([graph.lengths, lengths]))
+    return Parts(labels, truth.Ts_frame_canonical[:, [0, 1, 1]]), replace(problem, graph=graph)
+
+
+def test_small_parts_go_where_their_points_move_best(two_part_object):
+    parts, problem = with_a_small_part(two_part_object, 11)
+    absorbed = absorb_small_parts(parts, problem)
+    np.testing.assert_array_equal(absorbed.labels, two_part_object.canonical_labels)
+    np.testing.assert_array_equal(absorbed.Ts, two_part_object.Ts_frame_canonical)
+
+
+def test_parts_large_enough_stay(hinge):
+    parts, problem = with_a_small_part(hinge, 12)
+    np.testing.assert_array_equal(absorb_small_parts(parts, problem).labels, parts.labels)
+
+
+def test_a_small_part_that_touches_no_other_stays(hinge):
+    parts, problem = with_a_small_part(hinge, 5)
+    inside = (parts.labels[problem.graph.edges] == 2).sum(axis=1) != 1
+    graph = SurfaceGraph(400, problem.graph.edges[inside], problem.graph.lengths[inside])
+    absorbed = absorb_small_parts(parts, replace(problem, graph=graph))
+    np.testing.assert_array_equal(absorbed.labels, parts.labels)

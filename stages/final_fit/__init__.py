@@ -1,0 +1,70 @@
+"""The final fit: a tree of joints with one degree of freedom each, fitted to all frames, and labels to match (A.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from schemas.config import FinalFitConfig
+from schemas.flow import Flow
+from schemas.kinematic import KinematicModel
+from schemas.sequence import PointSequence
+from stages.energy import ReconstructionEnergy
+from stages.final_fit.confidence import joint_confidence
+from stages.final_fit.hidden_links import insert_hidden_links
+from stages.final_fit.labelling import relabel
+from stages.final_fit.pruning import prune
+from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
+from stages.kernels import se3
+from stages.progress import Progress, silent
+
+STEPS = 4
+
+
+def fit_final(
+    model: KinematicModel,
+    sequence: PointSequence,
+    flow: Flow,
+    config: FinalFitConfig,
+    rng: np.random.Generator,
+    progress: Progress = silent,
+) -> KinematicModel:
+    """Joints made exact and fitted to the frames; labels, links and joints improved in turn.
+
+    Links that the motion needs are inserted, points relabelled by the joints' motions, and parts that the frames do
+    not need joined with their neighbours. The answer's motions are exactly those of forward kinematics, and each
+    joint's other coordinate is exactly zero. Deterministic; `rng` is not drawn from.
+    """
+    frames = working_frames(sequence, model.canonical_frame, config.points, config.reach)
+    labels = model.labels[frames.index]
+    fit = Fit(to_chain(model, frames, config.still_root), labels)
+    if config.hidden_links:
+        fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, config.iterations)
+    fit = frames.refine(fit, config.iterations)
+    progress(1, STEPS)
+    if config.relabel:
+        fit = frames.refine(_relabelled(fit, frames, config, (config.fused_frames + 1) // 2), config.iterations)
+        progress(2, STEPS)
+        if config.part_price > 0:
+            fit = frames.refine(prune(fit, frames, config.part_price, config.prune_iterations), config.iterations)
+        progress(3, STEPS)
+        fit = _relabelled(fit, frames, config, config.fused_frames)
+    fit = frames.refine(fit, config.last_iterations)
+    confidence = joint_confidence(fit, frames, config.part_price)
+    fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
+    progress(STEPS, STEPS)
+    return fitted.replace(energies=model.energies | reconstruction_energies(fitted, sequence, flow, config))
+
+
+def _relabelled(fit: Fit, frames: Frames, config: FinalFitConfig, fused_frames: int) -> Fit:
+    return relabel(fit, frames, fused_frames, config.boundary_price, config.min_part_share)
+
+
+def reconstruction_energies(
+    model: KinematicModel, sequence: PointSequence, flow: Flow, config: FinalFitConfig
+) -> dict[str, float]:
+    """E_recons and its terms (Eq. 5), for comparison with other fits."""
+    energy = ReconstructionEnergy(sequence, flow, model.canonical_frame, config.energy, config.energy_points, 1)
+    Ts = torch.from_numpy(model.Ts_frame_canonical[:, model.labels[energy.index]])
+    predicted = se3.transform(Ts, torch.from_numpy(energy.p_canonical)[:, None])[..., 0, :]
+    return dict(zip(("E_recons", "E_CD", "E_EMD", "E_flow"), energy(predicted, 0).row(), strict=True))

@@ -1,0 +1,167 @@
+"""How sure a fitted model is of each joint: what the best other explanation of the same points would cost more."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
+from stages.kernels.articulation import Chain
+from stages.kernels.evidence import motion_cost
+from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.sampling import farthest_points
+from stages.kernels.screw import fit_screw, screw_transform
+from stages.kernels.se3 import inverse
+
+FREE_STEPS = 3  # registration steps of parts without their joints
+CONTACT = 2.0  # spacings within which sampled surfaces touch
+
+
+def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarray, "joints 3"]:
+    """Three numbers in [0, 1] for each joint: `part`, `link` and `type` (KinematicModel.confidence).
+
+    A rise of the points' costs becomes 1 - exp(-rise / price): no rise is 0, and several prices are nearly 1.
+    Costs are those that points are labelled by (motion_cost); hypotheses are not refitted.
+    """
+    chain, price = fit.chain, max(price, 1e-9)
+    if len(chain.child) == 0:
+        return np.zeros((0, 3))
+    Ts, samples = chain.Ts(), _samples(fit, frames)
+    costs = _costs(np.arange(len(fit.labels)), fit.labels, Ts, frames)
+    pulled = np.maximum(_part_sums(fit, costs) - _part_sums(fit, _free_costs(fit, Ts, frames)), 0.0)
+    ends = np.stack([chain.parent, chain.child])
+    one_dof = np.exp(-pulled[ends].max(axis=0) / price)
+    return np.stack(
+        [
+            _certainty(_part_rises(fit, costs, Ts, frames)[ends].min(axis=0), price),
+            one_dof * _certainty(_link_margins(fit, Ts, samples, frames), 1.0),
+            _certainty(_type_rises(fit, costs, Ts, samples, frames), price),
+        ],
+        axis=1,
+    )
+
+
+def _certainty(rise: Float64[np.ndarray, "joints"], price: float) -> Float64[np.ndarray, "joints"]:
+    return -np.expm1(-np.maximum(rise, 0.0) / price)
+
+
+def _part_rises(
+    fit: Fit, costs: Float64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], frames: Frames
+) -> Float64[np.ndarray, "parts"]:
+    """What a part's points would cost more with the motion of whichever part linked to it suits them best.
+
+    Asked of both ends of a joint: where a part was cut in two, it is either piece that moves like the other.
+    """
+    rises = np.full(fit.chain.parts, np.inf)
+    links = [*zip(fit.chain.parent, fit.chain.child, strict=True), *zip(fit.chain.child, fit.chain.parent, strict=True)]
+    members = [np.flatnonzero(fit.labels == part) for part, _ in links]
+    with_other = np.repeat([other for _, other in links], [len(points) for points in members])
+    of_link = np.repeat(np.arange(len(links)), [len(points) for points in members])
+    points = np.concatenate(members)
+    rise = _costs(points, with_other, Ts, frames) - costs[points]
+    np.minimum.at(rises, [part for part, _ in links], np.bincount(of_link, rise, minlength=len(links)))
+    return rises
+
+
+def _free_costs(fit: Fit, Ts: Float64[np.ndarray, "frames parts 4 4"], frames: Frames) -> Float64[np.ndarray, "points"]:
+    """Every point's cost when parts move freely: lower than with their joints where one of these is wrong."""
+    points = np.arange(len(fit.labels))
+    Ts_free = frames.registration.refine_groups(points, fit.labels, Ts, FREE_STEPS, frames.reach)
+    return _costs(points, fit.labels, Ts_free, frames)
+
+
+def _link_margins(
+    fit: Fit,
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    samples: Float64[np.ndarray, "parts count 3"],
+    frames: Frames,
+) -> Float64[np.ndarray, "joints"]:
+    """By how many spacings the second best parent is worse: farther off, or two degrees of freedom away."""
+    chain = fit.chain
+    joint, other = np.nonzero(~chain.moves())  # whatever hangs on a child cannot be its parent
+    residual = joint_fits(Ts, other, chain.child[joint], samples[chain.child[joint]]).residual / frames.noise
+    distance = _gaps(fit, frames)[other, chain.child[joint]] + residual
+    own = other == chain.parent[joint]
+    second = np.full(len(chain.child), np.inf)
+    np.minimum.at(second, joint[~own], distance[~own])
+    margins = second.copy()
+    margins[joint[own]] -= distance[own]
+    return margins
+
+
+def _gaps(fit: Fit, frames: Frames) -> Float64[np.ndarray, "parts parts"]:
+    """The least distance of every two parts' points, in spacings beyond contact; unseen parts are anywhere."""
+    members = [frames.p[fit.labels == part] for part in range(fit.chain.parts)]
+    trees = [KDTree(p) if len(p) else None for p in members]
+    gaps = np.zeros((len(members), len(members)))
+    for a, tree in enumerate(trees):
+        for b in range(a):
+            if tree is not None and len(members[b]):
+                least = nearest(tree, members[b])[0].min() / frames.noise
+                gaps[a, b] = gaps[b, a] = max(least - CONTACT, 0.0)
+    return gaps
+
+
+def _type_rises(
+    fit: Fit,
+    costs: Float64[np.ndarray, "points"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    samples: Float64[np.ndarray, "parts count 3"],
+    frames: Frames,
+) -> Float64[np.ndarray, "joints"]:
+    """What all that a joint moves would cost more if it were the best joint of the other type."""
+    chain, moves = fit.chain, fit.chain.moves()
+    Ts_other = _other_motions(chain, Ts, samples, frames.canonical_frame)
+    joint, point = np.nonzero(moves[:, fit.labels])
+    part = fit.labels[point]
+    group = joint * chain.parts + part
+    used, group = np.unique(group, return_inverse=True)
+    carrier, carried = np.divmod(used, chain.parts)
+    Ts_moved = Ts_other[:, carrier] @ Ts[:, carried]
+    rise = _costs(point, group, Ts_moved, frames) - costs[point]
+    return np.bincount(joint, rise, minlength=len(chain.child))
+
+
+def _other_motions(
+    chain: Chain,
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    samples: Float64[np.ndarray, "parts count 3"],
+    canonical_frame: int,
+) -> Float64[np.ndarray, "frames joints 4 4"]:
+    """How what a joint moves is displaced in each frame when it becomes the best joint of the other type."""
+    motions = relative_motions(Ts, chain.parent, chain.child)
+    p = torch.from_numpy(samples[chain.child])
+    turn, slide = fit_screw(motions, p, "revolute"), fit_screw(motions, p, "prismatic")
+    turns = torch.from_numpy(chain.revolute)[:, None]
+    axis, point = torch.where(turns, slide.axis, turn.axis), torch.where(turns, slide.point, turn.point)
+    states = torch.where(turns[..., None], slide.states, turn.states)
+    states = states - states[:, [canonical_frame]]
+    others = screw_transform(axis[:, None], point[:, None], states[..., 0], states[..., 1])
+    T = torch.from_numpy(Ts).transpose(0, 1)
+    displaced = T[chain.parent] @ others @ inverse(T[chain.child])
+    return displaced.transpose(0, 1).numpy()
+
+
+def _samples(fit: Fit, frames: Frames) -> Float64[np.ndarray, "parts count 3"]:
+    """Well spread points of each part, at which its motion is judged; any points for a part that has none."""
+    samples = []
+    for part in range(fit.chain.parts):
+        members = frames.p[fit.labels == part]
+        members = members if len(members) else frames.p
+        samples.append(members[np.resize(farthest_points(members, JOINT_SAMPLES), JOINT_SAMPLES)])
+    return np.stack(samples)
+
+
+def _part_sums(fit: Fit, costs: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "parts"]:
+    return np.bincount(fit.labels, costs, minlength=fit.chain.parts)
+
+
+def _costs(
+    points: Int64[np.ndarray, "points"],
+    group: Int64[np.ndarray, "points"],
+    Ts: Float64[np.ndarray, "frames groups 4 4"],
+    frames: Frames,
+) -> Float64[np.ndarray, "points"]:
+    """Chosen points' costs, each with the motion of its group."""
+    return motion_cost(frames.registration, frames.p, points, group, Ts)

@@ -1,0 +1,132 @@
+"""Labels by minimum cuts on the clouds of several frames together, each carried to the canonical frame.
+
+Fused clouds show creases and gaps that one frame's sampling hides, and every point brings its own evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from stages.final_fit.working import Fit, Frames
+from stages.kernels.evidence import motion_cost
+from stages.kernels.graph_cut import expansion_move
+from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.registration import move_points
+from stages.kernels.surface_graph import smoothness_weights, surface_graph
+
+NEIGHBOURS = 8
+BONUSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 4.0)
+
+
+@dataclass(frozen=True)
+class LabelProblem:
+    """Costs of every fused point with each part it may belong to (infinite elsewhere), and prices of its edges."""
+
+    costs: Float64[np.ndarray, "points parts"]
+    edges: Int64[np.ndarray, "edges 2"]
+    prices: Float64[np.ndarray, "edges"]
+
+    def expand(self, labels: Int64[np.ndarray, "points"], part: int, bonus: float = 0.0) -> Int64[np.ndarray, "points"]:
+        """The best labelling in which some points have switched to `part`, each of which is paid `bonus`."""
+        nodes = np.flatnonzero(np.isfinite(self.costs[:, part]) & (labels != part))
+        if len(nodes) == 0:
+            return labels
+        stay, switch = self.costs[nodes, labels[nodes]], self.costs[nodes, part] - bonus
+        switches, gain = expansion_move(labels, part, nodes, stay, switch, self.edges, self.prices)
+        if gain <= 0:
+            return labels
+        labels = labels.copy()
+        labels[nodes[switches]] = part
+        return labels
+
+    def grow(self, labels: Int64[np.ndarray, "points"], part: int, least: float) -> Int64[np.ndarray, "points"]:
+        """Where a part has fewer than `least` points, it gets those nearest to being its own."""
+        if np.count_nonzero(labels == part) >= least:
+            return labels
+        for bonus in BONUSES:
+            grown = self.expand(labels, part, bonus)
+            if np.count_nonzero(grown == part) >= least:
+                return grown
+        grown = labels.copy()
+        grown[np.argsort(self._dearness(labels, part), kind="stable")[: int(np.ceil(least))]] = part
+        return grown
+
+    def with_every_part(self, labels: Int64[np.ndarray, "points"], count: int) -> Int64[np.ndarray, "count"]:
+        """The labels of the first `count` points, each part of the tree having at least one of them."""
+        labels = labels.copy()
+        for part in np.setdiff1d(np.arange(self.costs.shape[1]), labels[:count]):
+            spare = np.bincount(labels[:count], minlength=self.costs.shape[1])[labels[:count]] > 1
+            labels[np.where(spare, self._dearness(labels, part)[:count], np.inf).argmin()] = part
+        return labels[:count]
+
+    def _dearness(self, labels: Int64[np.ndarray, "points"], part: int) -> Float64[np.ndarray, "points"]:
+        """What it costs each point to be of that part."""
+        dearness: np.ndarray = self.costs[:, part] - self.costs[np.arange(len(labels)), labels]
+        return dearness
+
+
+def relabel(
+    fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, min_share: float, sweeps: int = 1
+) -> Fit:
+    """Every point with its own part or one that touches or is linked to it; no part is left without points.
+
+    A part that is part of the tree holds at least `min_share` of the points: where cuts leave it fewer, because its
+    neighbours' motions explain its points as well, it gets those which that costs least.
+    """
+    Ts = fit.chain.Ts()
+    p, labels = fuse(fit, frames, fused_frames)
+    graph = surface_graph(p, NEIGHBOURS)
+    may = _candidates(fit, labels, graph.crossings(labels)[0])
+    point, part = np.nonzero(may[labels])
+    costs = np.full((len(p), fit.chain.parts), np.inf)
+    costs[point, part] = motion_cost(frames.registration, p, point, part, Ts)
+    problem = LabelProblem(costs, graph.edges, boundary_price * smoothness_weights(p, graph))
+    least = min_share * len(p)
+    for unseen in np.setdiff1d(np.arange(fit.chain.parts), labels):
+        labels = problem.grow(labels, int(unseen), least)
+    for _ in range(sweeps):
+        for part_ in range(fit.chain.parts):
+            labels = problem.expand(labels, part_)
+    for _ in range(3):  # what one part is given, another may have lost
+        for part_ in range(fit.chain.parts):
+            labels = problem.grow(labels, part_, least)
+    return Fit(fit.chain, problem.with_every_part(labels, len(frames.p)))
+
+
+def fuse(fit: Fit, frames: Frames, count: int) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:
+    """Canonical points and labels, then those of `count - 1` other frames, moved back by the part that each lies on."""
+    Ts = fit.chain.Ts()
+    inverse = np.linalg.inv(Ts)
+    clouds, labels = [frames.p], [fit.labels]
+    for t in _spread(frames, count - 1):
+        posed = move_points(Ts[t, fit.labels], frames.p)
+        here = fit.labels[nearest(KDTree(posed), frames.registration.frames[t])[1]]
+        clouds.append(move_points(inverse[t, here], frames.registration.frames[t]))
+        labels.append(here)
+    return np.concatenate(clouds), np.concatenate(labels)
+
+
+def _spread(frames: Frames, count: int) -> Iterable[int]:
+    """`count` frames besides the canonical one, from the farthest in time on, evenly spread."""
+    others = sorted(frames.registration.others, key=lambda t: -abs(t - frames.canonical_frame))
+    places = np.linspace(0, len(others) - 1, min(count, len(others))).round().astype(int)
+    return [others[place] for place in np.unique(places)]
+
+
+def _candidates(fit: Fit, labels: Int64[np.ndarray, "points"], touching: Int64[np.ndarray, "pairs 2"]) -> np.ndarray:
+    """Which parts (columns) a point of each part (rows) may go to: those that touch it, or that a joint or one
+    unseen link joins to it."""
+    may = np.eye(fit.chain.parts, dtype=bool)
+    pairs = [touching, np.stack([fit.chain.parent, fit.chain.child], axis=1)]
+    seen = np.isin(np.arange(fit.chain.parts), labels)
+    parents = fit.chain.parents()
+    for link in np.flatnonzero(~seen):
+        around = [*np.flatnonzero(parents == link), *parents[[link]][parents[[link]] >= 0]]
+        pairs.append(np.array([(a, b) for a in around for b in around], dtype=np.int64).reshape(-1, 2))
+    a, b = np.concatenate(pairs).T
+    may[a, b] = may[b, a] = True
+    return may

@@ -1,0 +1,72 @@
+"""What all frames say of the motion that a point is held to have."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from stages.kernels.registration import Registration, move_points
+
+NEAREST = 3  # points of a frame that stand for its surface near a moved point
+NEAR = 0.7  # radius, in spacings, within which they count
+PLANE_NOISE = 0.2  # spread of distances from the common plane, in spacings, where the motion is right
+TRUNCATION = 9.0
+CHUNK = 60_000  # entries looked at together, for memory's sake
+
+
+def motion_cost(
+    registration: Registration,
+    p: Float64[np.ndarray, "points 3"],
+    point: Int64[np.ndarray, "entries"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> Float64[np.ndarray, "entries"]:
+    """How badly a point's motion with a part is borne out, averaged over frames.
+
+    Each frame's surface near the moved point is carried back by the part's motion. Where the motion is right, all
+    frames' patches lie on one plane through the point; its scatter is far below a single frame's sampling noise.
+    The cost in a frame is the squared distance of the nearest point from that plane in units of its noise, plus half
+    its squared distance from the moved point in spacings, truncated.
+    """
+    chunks = [slice(start, start + CHUNK) for start in range(0, len(point), CHUNK)]
+    costs = [_cost(registration, p[point[chunk]], part[chunk], Ts) for chunk in chunks]
+    return np.concatenate(costs) if costs else np.zeros(0)
+
+
+def _cost(
+    registration: Registration,
+    p: Float64[np.ndarray, "entries 3"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> Float64[np.ndarray, "entries"]:
+    carried, distance = _carried_back(registration, p, part, Ts)
+    cloud = carried.reshape(len(p), -1, 3)
+    weights = np.exp(-0.5 * (cloud**2).sum(axis=-1) / NEAR**2) + 1e-6
+    weights /= weights.sum(axis=1, keepdims=True)
+    mean = np.einsum("nk,nki->ni", weights, cloud)
+    offsets = cloud - mean[:, None]
+    normal = np.linalg.eigh(np.matmul((weights[..., None] * offsets).transpose(0, 2, 1), offsets))[1][:, :, 0]
+    plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / PLANE_NOISE
+    own = np.einsum("ni,ni->n", normal, mean) / PLANE_NOISE
+    total = np.minimum(plane**2 + 0.5 * distance**2, TRUNCATION).sum(axis=1) + np.minimum(own**2, TRUNCATION)
+    return total / len(registration.others)
+
+
+def _carried_back(
+    registration: Registration,
+    p: Float64[np.ndarray, "entries 3"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> tuple[Float64[np.ndarray, "entries frames nearest 3"], Float64[np.ndarray, "entries frames"]]:
+    """Offsets, in spacings, from a point to its frames' nearest points carried back to it, and the least distance."""
+    count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
+    carried = np.empty((len(p), len(registration.others), count, 3))
+    distance = np.empty((len(p), len(registration.others)))
+    for slot, t in enumerate(registration.others):
+        T = Ts[t, part]
+        moved = move_points(T, p)
+        distances, index = registration.trees[t].query(moved, k=count)
+        offset = registration.frames[t][index.reshape(len(p), count)] - moved[:, None]
+        carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.noise
+        distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.noise
+    return carried, distance

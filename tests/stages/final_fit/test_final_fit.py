@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+import torch
+
+from schemas.config import FinalFitConfig, ProjectionConfig
+from stages.final_fit import fit_final
+from stages.kernels.screw import screw_transform
+from stages.projection import link_parts
+
+CONFIG = FinalFitConfig(points=300, energy_points=200)
+
+
+def fit(model, truth, config=CONFIG, sequence=None, seed=0):
+    return fit_final(model, sequence or truth.sequence, truth.true_flow(), config, np.random.default_rng(seed))
+
+
+def parts_of(truth, size=0.0, labels=None, scale=1.0):
+    """The true parts with noisy motions, as a relaxed fit would leave them."""
+    rng = np.random.default_rng(0)
+    Ts = truth.Ts_frame_canonical.copy()
+    for t in (0, 1, 3, 4):
+        Ts[t, 1, :3, 3] += rng.normal(scale=size, size=3)
+    Ts[..., :3, 3] *= scale
+    labels = truth.canonical_labels if labels is None else labels
+    return link_parts(scale * truth.sequence.frames()[2], labels, Ts, 2, ProjectionConfig())
+
+
+@pytest.mark.parametrize(("name", "kind", "free"), [("hinge", "revolute", 0), ("drawer", "prismatic", 1)])
+def test_finds_type_axis_and_states(name, kind, free, request):
+    truth = request.getfixturevalue(name)
+    model = fit(parts_of(truth, 0.02), truth)
+    assert model.joint_types == (kind,)
+    assert np.all(model.states[0, :, 1 - free] == 0)
+    assert abs(model.axis[0] @ truth.axis) > np.cos(np.radians(1))
+    sign = np.sign(model.axis[0] @ truth.axis)
+    np.testing.assert_allclose(sign * model.states[0, :, free], truth.states[:, free], atol=0.015)
+    if kind == "revolute":
+        offset = np.cross(model.point[0] - truth.point, truth.axis)
+        assert np.linalg.norm(offset) < 0.005
+    np.testing.assert_array_equal(model.labels, truth.canonical_labels)
+
+
+def test_motions_are_those_of_forward_kinematics(two_part_object):
+    model = fit(parts_of(two_part_object, 0.02), two_part_object)
+    Ts = screw_transform(
+        *(torch.from_numpy(v[0]) for v in (model.axis, model.point)),
+        *torch.from_numpy(model.states[0]).unbind(-1),
+    ).numpy()
+    np.testing.assert_allclose(model.Ts_frame_canonical[:, 1], Ts, atol=1e-12)
+    np.testing.assert_array_equal(model.Ts_frame_canonical[:, 0], np.tile(np.eye(4), (5, 1, 1)))
+    np.testing.assert_array_equal(model.states[:, 2], 0)
+    assert np.linalg.norm(model.axis[0]) == pytest.approx(1)
+    assert model.axis[0] @ model.point[0] == pytest.approx(0, abs=1e-12)
+
+
+def test_the_fit_lowers_the_energy_and_reports_it(hinge):
+    start = parts_of(hinge, 0.03)
+    none = CONFIG.model_copy(update={"iterations": 0, "last_iterations": 0, "prune_iterations": 0})
+    before, after = fit(start, hinge, none).energies, fit(start, hinge).energies
+    assert after.keys() == {"E_project", "E_group", "E_recons", "E_CD", "E_EMD", "E_flow"}
+    assert after["E_recons"] < 0.97 * before["E_recons"]
+    weights = CONFIG.energy
+    total = weights.lambda_cd * after["E_CD"] + weights.lambda_emd * after["E_EMD"]
+    assert after["E_recons"] == pytest.approx(total + weights.lambda_flow * after["E_flow"])
+
+
+def test_the_unit_does_not_matter(two_part_object):
+    truth = two_part_object
+    large = truth.sequence.replace(points=1000 * truth.sequence.points)
+    flow = truth.true_flow()
+    flow = flow.replace(flow=1000 * flow.flow)
+    one = fit(parts_of(truth, 0.02), truth)
+    other = fit_final(parts_of(truth, 0.02, scale=1000.0), large, flow, CONFIG, np.random.default_rng(0))
+    assert other.joint_types == one.joint_types
+    np.testing.assert_array_equal(other.labels, one.labels)
+    length = 1000.0 if one.joint_types == ("prismatic",) else 1.0
+    sign = np.sign(one.axis[0] @ other.axis[0])
+    np.testing.assert_allclose(sign * other.axis, one.axis, atol=1e-6)
+    np.testing.assert_allclose(sign * other.states, length * one.states, atol=1e-6 * length)
+
+
+def test_a_moving_base_is_followed(hinge):
+    drift = np.linspace(-0.2, 0.2, 5)
+    frames = [p + [0, x, 0] for p, x in zip(hinge.sequence.frames(), drift, strict=True)]
+    sequence = hinge.sequence.replace(points=np.concatenate(frames))
+    Ts = hinge.Ts_frame_canonical.copy()
+    Ts[:, :, 1, 3] += drift[:, None]
+    flow = hinge.true_flow()
+    flow = flow.replace(flow=flow.flow + [0, 0.1, 0])
+    model = link_parts(sequence.frames()[2], hinge.canonical_labels, Ts, 2, ProjectionConfig())
+    final = fit_final(model, sequence, flow, CONFIG, np.random.default_rng(0))
+    assert final.part_count == 2
+    np.testing.assert_allclose(final.Ts_frame_canonical[:, final.root, 1, 3], drift, atol=0.01)
+    np.testing.assert_array_equal(final.Ts_frame_canonical[2], np.tile(np.eye(4), (2, 1, 1)))
+
+
+def test_one_part_that_stands_still_needs_no_fit(hinge):
+    still = np.tile(np.eye(4), (5, 1, 1, 1))
+    model = link_parts(hinge.sequence.frames()[2], np.zeros(400, dtype=int), still, 2, ProjectionConfig())
+    final = fit(model, hinge)
+    np.testing.assert_array_equal(final.Ts_frame_canonical, still)
+    assert final.energies["E_recons"] > 0
+
+
+def test_labels_are_repaired_unless_switched_off(hinge):
+    labels = hinge.canonical_labels.copy()
+    flipped = np.random.default_rng(0).choice(400, size=30, replace=False)
+    labels[flipped] = 1 - labels[flipped]
+    start = parts_of(hinge, labels=labels)
+    assert (fit(start, hinge).labels != hinge.canonical_labels).sum() <= 4
+    off = CONFIG.model_copy(update={"relabel": False, "points": 400})
+    np.testing.assert_array_equal(fit(start, hinge, off).labels, labels)
+
+
+def test_all_points_have_labels_when_the_fit_works_on_fewer(hinge):
+    few = fit(parts_of(hinge, 0.01), hinge, CONFIG.model_copy(update={"points": 120}))
+    np.testing.assert_array_equal(few.labels, hinge.canonical_labels)
+
+
+def test_is_deterministic_and_tells_its_progress(hinge):
+    start, steps = parts_of(hinge, 0.02), []
+    tell = lambda done, total, *_: steps.append((done, total))  # noqa: E731
+    first = fit_final(start, hinge.sequence, hinge.true_flow(), CONFIG, np.random.default_rng(0), tell)
+    second = fit(start, hinge, seed=1)
+    np.testing.assert_array_equal(first.Ts_frame_canonical, second.Ts_frame_canonical)
+    assert steps == [(k, 4) for k in (1, 2, 3, 4)]

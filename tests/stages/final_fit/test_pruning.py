@@ -1,0 +1,111 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from schemas.config import FinalFitConfig
+from stages.final_fit.pruning import join, prune
+from stages.final_fit.working import Fit
+from stages.kernels.registration import Registration
+
+PRICE, ITERATIONS = FinalFitConfig().part_price, FinalFitConfig().prune_iterations
+
+
+def check_tree(fit):
+    """Numbers are 0..parts-1, every part is a child once or the root, and parents' joints come first."""
+    chain = fit.chain
+    assert fit.labels.max() < chain.parts
+    assert sorted([chain.root, *chain.child]) == list(range(chain.parts))
+    known = {chain.root}
+    for parent, child in zip(chain.parent.tolist(), chain.child.tolist(), strict=True):
+        assert parent in known
+        known.add(child)
+    np.testing.assert_array_equal(chain.states[:, 2], 0)
+
+
+def cut(case, part, chosen, before=False):
+    """The same thing with `chosen` points of a part cut off as the last part, linked to it by a joint that rests; or,
+    where `before`, put between the part and its parent."""
+    chain, new = case.chain, case.chain.parts
+    joints = [chain.joint(j) for j in range(len(chain.child))]
+    own = next((j for j in joints if j.child == part), joints[0])
+    rest = replace(own, parent=new if before else part, child=part if before else new, states=0 * own.states)
+    if before:
+        place = joints.index(own)
+        joints[place : place + 1] = [replace(own, child=new), rest]
+    else:
+        joints.append(rest)
+    return Fit(chain.with_joints(joints), np.where(chosen, new, case.labels))
+
+
+def end_of(case, part, share=0.03):
+    """The points of a part with the greatest y, up to a share of all points."""
+    members = np.flatnonzero(case.labels == part)
+    return np.isin(
+        np.arange(len(case.labels)), members[np.argsort(-case.frames.p[members, 1])[: int(share * len(case.labels))]]
+    )
+
+
+@pytest.mark.parametrize(("part", "before"), [(0, False), (2, False), (2, True)])
+def test_a_part_cut_in_two_is_joined_again(housed, part, before):
+    fit = cut(housed, part, end_of(housed, part), before)
+    check_tree(fit)
+    pruned = prune(fit, housed.frames, PRICE, ITERATIONS)
+    check_tree(pruned)
+    np.testing.assert_array_equal(pruned.labels, housed.labels)
+    np.testing.assert_array_equal(pruned.chain.parents(), housed.chain.parents())
+    np.testing.assert_allclose(pruned.chain.Ts(), housed.chain.Ts(), atol=0.03)
+
+
+def test_several_pieces_are_joined_one_after_another(housed):
+    first = replace(housed, fit=cut(housed, 2, end_of(housed, 2, 0.02)))
+    pruned = prune(cut(first, 0, end_of(first, 0)), housed.frames, PRICE, ITERATIONS)
+    check_tree(pruned)
+    np.testing.assert_array_equal(pruned.labels, housed.labels)
+
+
+def test_a_true_part_stays_however_small(hinge_case):
+    """Of the turning lid eight points are left in the canonical frame."""
+    p, clouds = hinge_case.frames.p, list(hinge_case.frames.registration.frames)
+    kept = (hinge_case.labels == 0) | np.isin(np.arange(400), np.argsort(-p[:, 0])[:8])
+    clouds[2] = p[kept]
+    frames = replace(hinge_case.frames, registration=Registration(clouds, 2), p_all=clouds[2], index=np.arange(208))
+    fit = Fit(hinge_case.chain, hinge_case.labels[kept])
+    assert prune(fit, frames, PRICE, ITERATIONS) is fit
+    assert prune(fit, frames, 1e9, ITERATIONS).chain.parts == 1  # but for its price it would have gone
+
+
+def test_large_parts_are_not_tried(hinge_case):
+    idle = Fit(replace(hinge_case.chain, states=0 * hinge_case.chain.states), hinge_case.labels)
+    assert prune(idle, hinge_case.frames, 1e9, ITERATIONS) is idle
+
+
+def test_joining_onto_the_parent_hangs_children_there(housed):
+    joined = join(housed.fit, housed.frames, 1, 0)
+    check_tree(joined)
+    np.testing.assert_array_equal(joined.labels, np.array([0, 0, 1])[housed.labels])
+    np.testing.assert_array_equal(joined.chain.parents(), [-1, 0])
+
+
+def test_joining_onto_the_only_child_leaves_it_where_it_was(housed):
+    joined = join(housed.fit, housed.frames, 1, 2)
+    check_tree(joined)
+    np.testing.assert_array_equal(joined.labels, np.array([0, 1, 1])[housed.labels])
+    np.testing.assert_array_equal(joined.chain.parents(), [-1, 0])
+
+
+def test_joining_keeps_joints_that_it_does_not_touch(housed):
+    joined = join(cut(housed, 0, end_of(housed, 0)), housed.frames, 3, 0)
+    check_tree(joined)
+    for name in ("parent", "child", "revolute", "axis", "point", "states"):
+        np.testing.assert_array_equal(getattr(joined.chain, name), getattr(housed.chain, name))
+
+
+def test_the_root_is_joined_onto_its_child(hinge_case):
+    drift = np.tile(np.eye(4), (5, 1, 1))
+    drift[:, 1, 3] = [0.1, -0.2, 0.0, 0.1, 0.3]
+    moved = hinge_case.moved(drift)
+    joined = join(moved.fit, moved.frames, 0, 1)
+    assert (joined.chain.parts, joined.chain.root, joined.chain.free_root) == (1, 0, True)
+    np.testing.assert_array_equal(joined.labels, 0)
+    np.testing.assert_allclose(joined.chain.Ts()[:, 0], moved.chain.Ts()[:, 1])
