@@ -22,6 +22,8 @@ run: $(READY) ## Fit a data set: DATASET=roboart [SEQUENCES=a,b] [WORKERS=N] [DA
 	@$(BIN)/reart run --dataset "$$DATASET" $(if $(SEQUENCES),--sequences "$$SEQUENCES") $(if $(WORKERS),--workers "$$WORKERS") \
 	    $(if $(DATA),--data "$$DATA") $(if $(ASSETS),--assets "$$ASSETS") $(if $(WORKDIR),--workdir "$$WORKDIR") $(ARGS)
 
+setup: $(READY) ## Only set up .venv
+
 test: $(READY) ## Run the tests [PYTEST_ARGS=...]
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_ARGS)
 

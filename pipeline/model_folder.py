@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import zipfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 from pydantic import ValidationError
 
+from pipeline.files import write_atomically
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, Result
 
@@ -37,6 +41,56 @@ def read_model_folder(folder: Path) -> Result:
             f"{npz_path}: unreadable ({error}); expected {', '.join(ARRAYS)}; fit the model anew"
         ) from error
     try:
-        return Result(model=model, **loaded)
+        result = Result(model=model, **loaded)
     except ValidationError as error:
         raise InputError(f"{npz_path}: {error.errors()[0]['msg']}; fit the model anew") from error
+    if problem := next(_contradictions(result), None):
+        raise InputError(f"{folder}: {problem}; fit the model anew")
+    return result
+
+
+def _contradictions(result: Result) -> Iterator[str]:
+    """Where model.json and model.npz contradict each other, or themselves."""
+    model, parts = result.model, len(result.model.parts)
+    if result.T_frame_canonical.shape[:2] != (model.frames, parts):
+        yield (
+            f"T_frame_canonical: found {result.T_frame_canonical.shape[:2]}, "
+            f"expected {model.frames} frames and {parts} parts as in model.json"
+        )
+    if len(result.labels) == 0 or result.labels.min() < 0 or result.labels.max() >= parts:
+        yield f"labels: found others than the parts of model.json, expected at least one, from 0..{parts - 1}"
+    for joint in model.joints:
+        if len(joint.states) != model.frames or not np.isfinite(np.array(joint.states, dtype=np.float64)).all():
+            yield f"joint {joint.name}: states: expected {model.frames} finite values, one for each frame"
+        if not abs(np.linalg.norm(joint.axis) - 1.0) < 1e-3 or not np.isfinite(joint.point).all():
+            yield f"joint {joint.name}: found axis {joint.axis} through {joint.point}, expected a unit axis"
+
+
+def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
+    """The sequence that a model was fitted to, in its own coordinates; None where its artifacts are not at hand.
+
+    `folder` is a result's artifact, or has `workdir/` with that of the same model, as `reart fit` leaves it.
+    """
+    from pipeline import store
+    from schemas.sequence import IngestedSequence
+
+    model = (folder / "model.json").read_bytes()
+    for place in (folder, *sorted(folder.glob("workdir/*/*/result-*/"))):
+        with contextlib.suppress(store.CorruptArtifactError, OSError, KeyError):
+            if (place / "model.json").read_bytes() != model:
+                continue
+            key = store.read_manifest(place.resolve()).upstream["ingest"]
+            sequence = store.read(place.resolve().with_name(f"ingest-{key}"), IngestedSequence).sequence
+            if sequence.frame_count == result.model.frames:
+                return [sequence.to_input(frame) for frame in sequence.frames()]
+    return None
+
+
+def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by their relative paths, each whole or not at all.
+
+    The first comes last: it is the description, whose meshes are then all there.
+    """
+    for name in reversed(list(files)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / name, files[name])

@@ -36,7 +36,14 @@ QUALITY = (
     "reanimation_percent",
     "chamfer_percent",
 )
-JOINTS_AND_COST = ("axis_angle_deg", "axis_distance_percent", "joint_type_accuracy", "seconds", "peak_memory_mib")
+JOINTS_AND_COST = (
+    "axis_angle_deg",
+    "axis_distance_percent",
+    "joint_type_accuracy",
+    "confidence_auc",
+    "seconds",
+    "peak_memory_mib",
+)
 COMPARED = {
     "Parts and motion": ("parts_off", *(name for name in QUALITY if not name.endswith("_cm"))),
     "Joints and cost": ("joints_found", *JOINTS_AND_COST),
@@ -182,7 +189,7 @@ def sequence_tables(score: SequenceScore) -> list[Table]:
         ),
         Table(
             "True joints",
-            ("joint", "true type", "predicted type", "axis angle deg", "axis dist. %", "state error"),
+            ("joint", "true type", "predicted type", "axis angle deg", "axis dist. %", "state error", "confidence"),
             tuple(map(_joint_row, score.metrics.joints)),
         ),
         Table("Stages", ("stage", "seconds", "peak MiB"), tuple(costs)),
@@ -199,6 +206,7 @@ def _joint_row(joint: JointMetrics) -> Row:
         number(joint.axis_angle_deg, 2),
         number(joint.axis_distance_percent, 2),
         error,
+        number(joint.confidence, 2),
     )
     return Row(joint.name, tuple(map(Cell, texts)))
 

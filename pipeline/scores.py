@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 from pydantic import ValidationError
 
 from pipeline import store
@@ -17,9 +18,10 @@ from pipeline.task import Job, StageTask, upstream_first
 from pipeline.tasks import EvaluationTask, ResultTask, final_tasks
 from schemas.errors import InputError
 from schemas.metrics import Metrics
-from schemas.scores import GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
+from schemas.scores import Figures, GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
 from stages.ingest.roboart import robot_kind, robot_split
 from stages.ingest.sources import RoboartSource, Source, list_sources
+from stages.kernels.roc import area_under_roc
 from stages.summary import figures_of, mean_costs, mean_figures, total_cost
 
 GROUPING: dict[Level, Callable[[SequenceScore], str | None]] = {
@@ -115,8 +117,16 @@ def groups_of(scores: Sequence[SequenceScore]) -> Iterator[GroupScore]:
                 groups.setdefault(name, []).append(score)
         for name, group in sorted(groups.items()):
             yield GroupScore(
-                level=level, name=name, sequences=len(group), figures=mean_figures(group), costs=mean_costs(group)
+                level=level, name=name, sequences=len(group), figures=_figures(group), costs=mean_costs(group)
             )
+
+
+def _figures(group: Sequence[SequenceScore]) -> Figures:
+    """The means of a group, and what only all its joints together tell: single sequences have few wrong ones."""
+    verdicts = [verdict for score in group for verdict in score.metrics.verdicts]
+    confidence = np.array([verdict.confidence for verdict in verdicts], dtype=np.float64)
+    right = np.array([verdict.right for verdict in verdicts], dtype=bool)
+    return mean_figures(group).model_copy(update={"confidence_auc": area_under_roc(confidence, right)})
 
 
 def read_scores(path: Path) -> Scores:

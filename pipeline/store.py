@@ -66,6 +66,7 @@ def publish(
     with _staging(directory) as staged:
         entries = write_arrays(staged / ARRAYS, arrays_of(artifact))
         for name, bytes_ in (files or {}).items():
+            (staged / name).parent.mkdir(parents=True, exist_ok=True)
             (staged / name).write_bytes(bytes_)
         content = {
             **provenance.model_dump(mode="json"),

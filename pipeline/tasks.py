@@ -14,6 +14,7 @@ from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
 from schemas.model_file import Result
 from schemas.relaxed import RelaxedModel
+from schemas.robot import Robot
 from schemas.sequence import IngestedSequence
 from stages.progress import Progress
 
@@ -112,21 +113,7 @@ class MergingTask(CandidateTask):
         return merge(inputs["projection"], inputs["ingest"].sequence, config.merging, config.projection)
 
 
-class CanonicalFrameTask(StageTask):
-    stage, version, schema = "canonical_frame", 1, CanonicalChoice
-
-    def requires(self) -> dict[str, StageTask]:
-        config = self.job.config.canonical_frame
-        tasks = [MergingTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
-        return {task.label: task for task in tasks}
-
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> CanonicalChoice:
-        from stages.canonical_frame import choose
-
-        return choose(list(inputs.values()))
-
-
-class FinalFitTask(StageTask):
+class FinalFitTask(CandidateTask):
     stage, version, schema = "final_fit", 2, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
@@ -134,26 +121,40 @@ class FinalFitTask(StageTask):
         return {
             "ingest": IngestTask(job=job),
             "flow": FlowTask(job=job),
-            "canonical_frame": CanonicalFrameTask(job=job),
+            "merging": MergingTask(job=job, candidate=self.candidate),
         }
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
         from stages.final_fit import fit_final
 
-        model, sequence = inputs["canonical_frame"].model, inputs["ingest"].sequence
+        model, sequence = inputs["merging"], inputs["ingest"].sequence
         return fit_final(model, sequence, inputs["flow"], self.job.config.final_fit, rng, progress)
+
+
+class CanonicalFrameTask(StageTask):
+    stage, version, schema = "canonical_frame", 2, CanonicalChoice
+
+    def requires(self) -> dict[str, StageTask]:
+        config = self.job.config.canonical_frame
+        tasks = [FinalFitTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
+        return {task.label: task for task in tasks}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> CanonicalChoice:
+        from stages.canonical_frame import choose
+
+        return choose(list(inputs.values()), self.job.config.canonical_frame.by)
 
 
 class ResultTask(StageTask):
     stage, version, schema = "result", 2, Result
 
     def requires(self) -> dict[str, StageTask]:
-        return {"ingest": IngestTask(job=self.job), "final_fit": FinalFitTask(job=self.job)}
+        return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Result:
         from stages.result import to_result
 
-        return to_result(inputs["final_fit"], inputs["ingest"].sequence)
+        return to_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
 
     def files(self, output: Result) -> dict[str, bytes]:
         from stages.result import result_files
@@ -161,16 +162,35 @@ class ResultTask(StageTask):
         return result_files(output)
 
 
+class ExportTask(StageTask):
+    stage, version, schema = "export", 1, Robot
+
+    def requires(self) -> dict[str, StageTask]:
+        return {"ingest": IngestTask(job=self.job), "result": ResultTask(job=self.job)}
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Robot:
+        from stages.export import describe
+
+        sequence = inputs["ingest"].sequence
+        frames = [sequence.to_input(frame) for frame in sequence.frames()]
+        return describe(inputs["result"], frames, self.job.config.export, self.job.source.name)
+
+    def files(self, output: Robot) -> dict[str, bytes]:
+        from stages.export import mjcf_files, urdf_files
+
+        return urdf_files(output) | mjcf_files(output)
+
+
 class EvaluationTask(StageTask):
     stage, version, schema = "evaluation", 2, Metrics
 
     def requires(self) -> dict[str, StageTask]:
-        return {"ingest": IngestTask(job=self.job), "final_fit": FinalFitTask(job=self.job)}
+        return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Metrics:
         from stages.evaluation import evaluate
 
-        return evaluate(inputs["final_fit"], inputs["ingest"], self.job.config.evaluation, rng)
+        return evaluate(inputs["canonical_frame"].model, inputs["ingest"], self.job.config.evaluation, rng)
 
 
 TASKS: tuple[type[StageTask], ...] = (
@@ -179,9 +199,10 @@ TASKS: tuple[type[StageTask], ...] = (
     RelaxedFitTask,
     ProjectionTask,
     MergingTask,
-    CanonicalFrameTask,
     FinalFitTask,
+    CanonicalFrameTask,
     ResultTask,
+    ExportTask,
     EvaluationTask,
 )
 STAGES = tuple(task.stage for task in TASKS)
@@ -189,4 +210,4 @@ STAGES = tuple(task.stage for task in TASKS)
 
 def final_tasks(job: Job) -> list[StageTask]:
     """What a sequence ends in."""
-    return [ResultTask(job=job), EvaluationTask(job=job)]
+    return [ResultTask(job=job), ExportTask(job=job), EvaluationTask(job=job)]

@@ -49,7 +49,7 @@ class GeometricFlowConfig(Schema):
     """Estimator `geometric`: non-rigid alignment by a deformation graph, then mutual nearest neighbours."""
 
     points: int = Field(default=2048, ge=16, description="points per frame that the alignment works on")
-    nodes: int = Field(default=250, ge=4, description="rigid nodes of the deformation graph")
+    nodes: int = Field(default=400, ge=4, description="rigid nodes of the deformation graph")
     coarse_points: int = Field(default=1024, ge=16, description="points per frame while the best start is looked for")
     coarse_nodes: int = Field(default=80, ge=4, description="nodes while the best start is looked for, at most `nodes`")
     neighbours: int = Field(default=4, ge=1, description="nodes that move one point")
@@ -149,8 +149,11 @@ class MergingConfig(Schema):
 class CanonicalFrameConfig(Schema):
     """A.5: which frames are tried as the canonical one."""
 
-    candidates: int = Field(default=3, ge=1, description="how many: the middle frame and its neighbours")
+    candidates: int = Field(default=2, ge=1, description="how many: the middle frame and its neighbours")
     frames: tuple[int, ...] = Field(default=(), description="these frames instead, where given")
+    by: Literal["fit", "project"] = Field(
+        default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
+    )
     share: bool = Field(
         default=True, description="fit the first candidate only and carry its parts over to the others, not fit each"
     )
@@ -189,6 +192,31 @@ class EvaluationConfig(Schema):
     reanimation_iterations: int = Field(default=200, ge=1)
 
 
+class ExportConfig(Schema):
+    """The robot description: meshes, masses and limits, which the fit does not tell but a simulator needs."""
+
+    metres_per_unit: float | None = Field(
+        default=None, gt=0, description="of the input's coordinates; None: by its unit, where unknown one metre"
+    )
+    surface: Literal["closed", "hull"] = Field(
+        default="closed", description="a part's visible mesh: what its points enclose, or their convex hull"
+    )
+    collision: Literal["hull", "coacd"] = Field(
+        default="hull", description="a part's convex collision mesh, or several by the optional package coacd"
+    )
+    triangles: int = Field(default=3000, ge=20, description="of a part's visible mesh, about")
+    reach: float = Field(default=4.0, gt=0, description="radius in point spacings of the ball rolled over a part")
+    density: float = Field(default=1000.0, gt=0, description="kg / m^3")
+    limit_margin: float = Field(
+        default=0.1, ge=0, description="limits lie beyond the observed range by this share of it, at each end"
+    )
+    effort: float = Field(default=100.0, gt=0, description="most of a joint: N m, or N of a prismatic one")
+    velocity: float = Field(default=3.0, gt=0, description="most of a joint: radians / s, or metres / s")
+    settling: float = Field(
+        default=0.5, gt=0, description="seconds in which damping slows a joint's free motion to 1 / e"
+    )
+
+
 class PipelineConfig(Schema):
     """Everything that a run depends on, but for its input files."""
 
@@ -200,4 +228,5 @@ class PipelineConfig(Schema):
     merging: MergingConfig = MergingConfig()
     canonical_frame: CanonicalFrameConfig = CanonicalFrameConfig()
     final_fit: FinalFitConfig = FinalFitConfig()
+    export: ExportConfig = ExportConfig()
     evaluation: EvaluationConfig = EvaluationConfig()

@@ -102,10 +102,11 @@ class Candidate(Schema):
     parts: int
     e_project: float
     e_group: float
+    e_fit: float
 
 
 class CanonicalChoice(Artifact):
-    """The candidate with the lowest E_project + E_group (A.5), and its model."""
+    """The candidate with the lowest energy (A.5), and its model."""
 
     candidates: tuple[Candidate, ...]
     model: KinematicModel

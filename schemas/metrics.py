@@ -18,11 +18,11 @@ class JointMetrics(Schema):
     state_error: float | None = Field(
         default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
     )
-    confidence: float | None = Field(default=None, description="the model's own, of the predicted joint")
+    confidence: float | None = Field(default=None, description="the model's least, of the predicted joint")
 
 
 class JointVerdict(Schema):
-    """How sure the model is of a predicted joint (the product of its confidences), and whether rightly so."""
+    """How sure the model is of a predicted joint (the least of its confidences), and whether rightly so."""
 
     confidence: float = Field(ge=0, le=1)
     right: bool = Field(description="it links two parts that were matched to those of one true joint")

@@ -21,7 +21,7 @@ class ModelPart(Schema):
 
 
 class JointConfidence(Schema):
-    """How sure the fit is, from 0 to 1: that both parts are ones of their own, of their link, and of the joint's type."""
+    """How sure the fit is, from 0 to 1, that both parts are ones of their own, of their link, and of its type."""
 
     part: float = Field(ge=0, le=1)
     link: float = Field(ge=0, le=1)

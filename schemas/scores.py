@@ -65,7 +65,7 @@ class Figures(Schema):
     )
     confidence_auc: Annotated[float | None, Measure("conf. AUC", better="higher")] = Field(
         default=None,
-        description="of groups only: area under the ROC curve of confidence, over all predicted joints, for being right",
+        description="of groups only: area under the ROC curve of their predicted joints' confidence in being right",
     )
     seconds: Annotated[float | None, Measure("time", "s", 0, "lower")] = Field(
         default=None, description="of all stages"

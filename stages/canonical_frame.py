@@ -1,8 +1,9 @@
-"""Choice of the canonical frame among candidates: the lowest E_project + E_group (A.5)."""
+"""Choice of the canonical frame among candidates: the lowest energy (A.5)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 from schemas.config import CanonicalFrameConfig
 from schemas.errors import InputError
@@ -25,10 +26,11 @@ def candidate_frames(frame_count: int, config: CanonicalFrameConfig) -> tuple[in
     return tuple(nearest_first[rank % frame_count] for rank in range(config.candidates))
 
 
-def choose(models: Sequence[KinematicModel]) -> CanonicalChoice:
-    """The candidate with the lowest E_project + E_group, and all candidates' energies.
+def choose(models: Sequence[KinematicModel], by: Literal["fit", "project"]) -> CanonicalChoice:
+    """The candidate with the lowest energy, and all candidates' energies.
 
-    Of equal candidates the first wins. Raises ValueError when there is none.
+    The energy is E_fit, what the final fit leaves of the frames and pays for parts (`fit`), or E_project + E_group as
+    published (`project`). Of equal candidates the first wins. Raises ValueError when there is none.
     """
     candidates = tuple(
         Candidate(
@@ -36,10 +38,11 @@ def choose(models: Sequence[KinematicModel]) -> CanonicalChoice:
             parts=model.part_count,
             e_project=model.energies["E_project"],
             e_group=model.energies["E_group"],
+            e_fit=model.energies["E_fit"],
         )
         for model in models
     )
     if not candidates:
         raise ValueError("canonical frame: found no candidate, expected at least one")
-    best = min(range(len(candidates)), key=lambda i: candidates[i].e_project + candidates[i].e_group)
-    return CanonicalChoice(candidates=candidates, model=models[best])
+    energies = [one.e_fit if by == "fit" else one.e_project + one.e_group for one in candidates]
+    return CanonicalChoice(candidates=candidates, model=models[energies.index(min(energies))])

@@ -140,8 +140,8 @@ def _matched_link(matched: dict[int, int], true: TrueJoint) -> frozenset[int]:
 
 
 def _confidence(model: KinematicModel, joint: int) -> float | None:
-    """That all of a joint is right: its confidences multiplied, as if they were independent."""
-    return None if model.confidence is None else float(model.confidence[joint].prod())
+    """How sure the model is of a joint: as sure as of what it is least sure of."""
+    return None if model.confidence is None else float(model.confidence[joint].min())
 
 
 def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTruth, true: TrueJoint) -> JointMetrics:

@@ -13,6 +13,7 @@ from schemas.kinematic import Candidate, CanonicalChoice, KinematicModel
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result
 from schemas.relaxed import RelaxedModel
+from schemas.robot import Robot, RobotLink, RobotMesh
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
 
 FRAMES = 3
@@ -147,6 +148,36 @@ def relaxed_model() -> RelaxedModel:
     )
 
 
+def robot() -> Robot:
+    """One link, a tetrahedron."""
+    return Robot(
+        name="tetrahedron",
+        metres_per_unit=1.0,
+        units="metre",
+        canonical_frame=0,
+        root=0,
+        free_base=False,
+        density=1000.0,
+        links=(
+            RobotLink(
+                name="part_0",
+                points=4,
+                origin=(0, 0, 0),
+                mass=1.0,
+                centre=(0, 0, 0),
+                inertia=(1, 1, 1, 0, 0, 0),
+                solid="mesh",
+            ),
+        ),
+        joints=(),
+        meshes=(RobotMesh(link=0, role="visual", file="meshes/part_0.stl", vertices=4, triangles=4, closed=True),),
+        vertices=np.eye(4, 3),
+        triangles=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+        touching=np.zeros((0, 2), dtype=np.int64),
+        T_frame_root=still(FRAMES),
+    )
+
+
 SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
     "truth": ground_truth,
@@ -158,10 +189,11 @@ SAMPLES: dict[str, Callable[[], Artifact]] = {
     "kinematic": kinematic_model,
     "single_part": single_part,
     "choice": lambda: CanonicalChoice(
-        candidates=(Candidate(frame=1, parts=3, e_project=0.1, e_group=0.2),), model=kinematic_model()
+        candidates=(Candidate(frame=1, parts=3, e_project=0.1, e_group=0.2, e_fit=0.3),), model=kinematic_model()
     ),
     "metrics": metrics,
     "result": result,
+    "robot": robot,
 }
 
 

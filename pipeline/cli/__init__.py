@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from pipeline.cli.evaluate import evaluate
+from pipeline.cli.export import export
 from pipeline.cli.figure import figure
 from pipeline.cli.fit import fit
 from pipeline.cli.inspect import inspect
@@ -47,5 +48,5 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="From a sequence of point clouds of any articulated object to a model that moves again.",
 )
-for command in (fit, run, evaluate, status, inspect, rerun, figure):
+for command in (fit, run, evaluate, status, inspect, rerun, figure, export):
     app.command()(command)

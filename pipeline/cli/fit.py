@@ -25,6 +25,7 @@ from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
 from pipeline.files import write_atomically
 from pipeline.launch import Outcome
+from pipeline.model_folder import write_beside
 from pipeline.protocol import Request
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile, Result
@@ -35,7 +36,7 @@ DATASET = "scans"
 def fit(
     frames: Annotated[Path, typer.Argument(help="A folder of frames, or one .npy/.npz of shape (T, N, 3).")],
     *,
-    out: Annotated[Path, typer.Option(help="Where model.json and model.npz go; artifacts go to its workdir/.")],
+    out: Annotated[Path, typer.Option(help="Where the model and robot.urdf go; artifacts go to its workdir/.")],
     preset: PresetOption = None,
     units: Annotated[
         str | None, typer.Option(help="The unit of the coordinates: metre, centimetre or millimetre.")
@@ -83,6 +84,13 @@ def deliver(outcome: Outcome, out: Path) -> None:
     store.read(result, Result)
     for name in ("model.npz", "model.json"):
         write_atomically(out / name, (result / name).read_bytes())
+    description = directory_of(outcome, "export")
+    files = store.read_manifest(description).files
+    names = [name for name in files if name.startswith(("robot.", "meshes/"))]
+    for stale in (out / "meshes").glob("part_*.stl"):  # of an earlier fit with more parts
+        if f"meshes/{stale.name}" not in names:
+            stale.unlink()
+    write_beside(out, {name: (description / name).read_bytes() for name in sorted(names, reverse=True)})
     metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
     if metrics.parts_true is not None:
         write_atomically(out / "metrics.json", metrics.model_dump_json(indent=1).encode() + b"\n")
@@ -93,8 +101,10 @@ def deliver(outcome: Outcome, out: Path) -> None:
 def summarise(request: Request, outcome: Outcome, out: Path, seconds: float, console: Console) -> None:
     """Say what was found, how well it fits, and where it is."""
     console.print(model_table(ModelFile.model_validate_json((out / "model.json").read_bytes())))
-    energies = store.read_manifest(directory_of(outcome, "final_fit")).payload["energies"]
+    energies = store.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
     console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
     show(evaluation_of(request, outcome), console)
-    written = [out / file for file in ("model.json", "model.npz", "metrics.json") if (out / file).exists()]
+    written = [
+        out / file for file in ("model.json", "model.npz", "robot.urdf", "metrics.json") if (out / file).exists()
+    ]
     console.print(f"written in {seconds:.1f} s: {', '.join(map(str, written))}", soft_wrap=True)

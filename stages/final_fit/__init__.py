@@ -13,7 +13,7 @@ from stages.energy import ReconstructionEnergy
 from stages.final_fit.confidence import joint_confidence
 from stages.final_fit.hidden_links import insert_hidden_links
 from stages.final_fit.labelling import relabel
-from stages.final_fit.pruning import prune
+from stages.final_fit.pruning import cost_of, prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
 from stages.kernels import se3
 from stages.progress import Progress, silent
@@ -53,7 +53,13 @@ def fit_final(
     confidence = joint_confidence(fit, frames, config.part_price)
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
     progress(STEPS, STEPS)
-    return fitted.replace(energies=model.energies | reconstruction_energies(fitted, sequence, flow, config))
+    energies = model.energies | reconstruction_energies(fitted, sequence, flow, config)
+    return fitted.replace(energies=energies | {"E_fit": fit_energy(fit, frames, config.part_price)})
+
+
+def fit_energy(fit: Fit, frames: Frames, part_price: float) -> float:
+    """What the fit leaves of the frames, and the price of its parts, per point: lower is better."""
+    return (cost_of(fit, frames) + part_price * fit.chain.parts) / len(fit.labels)
 
 
 def _relabelled(fit: Fit, frames: Frames, config: FinalFitConfig, fused_frames: int) -> Fit:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
 from stages.kernels.articulation import Chain
@@ -12,19 +12,22 @@ from stages.kernels.evidence import motion_cost
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.sampling import farthest_points
 from stages.kernels.screw import fit_screw, screw_transform
-from stages.kernels.se3 import inverse
 
 FREE_STEPS = 3  # registration steps of parts without their joints
+USUAL_PRICE = 30.0  # where parts have no price
+REFITTED = 0.1  # share of the rise by best joints that is left when all is refitted, on robots, about
+SURE = 5.0  # prices from which on a rise is not looked into further
 CONTACT = 2.0  # spacings within which sampled surfaces touch
 
 
 def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarray, "joints 3"]:
     """Three numbers in [0, 1] for each joint: `part`, `link` and `type` (KinematicModel.confidence).
 
-    A rise of the points' costs becomes 1 - exp(-rise / price): no rise is 0, and several prices are nearly 1.
+    A rise of the points' costs becomes 1 - exp(-rise / price): no rise is 0, and several prices are nearly 1. A link
+    is doubted where another parent would do, or where its parts' points would rather move freely than by their joints.
     Costs are those that points are labelled by (motion_cost); hypotheses are not refitted.
     """
-    chain, price = fit.chain, max(price, 1e-9)
+    chain, price = fit.chain, price or USUAL_PRICE
     if len(chain.child) == 0:
         return np.zeros((0, 3))
     Ts, samples = chain.Ts(), _samples(fit, frames)
@@ -34,7 +37,7 @@ def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarr
     one_dof = np.exp(-pulled[ends].max(axis=0) / price)
     return np.stack(
         [
-            _certainty(_part_rises(fit, costs, Ts, frames)[ends].min(axis=0), price),
+            _certainty(_part_rises(fit, costs, Ts, samples, frames, price), price),
             one_dof * _certainty(_link_margins(fit, Ts, samples, frames), 1.0),
             _certainty(_type_rises(fit, costs, Ts, samples, frames), price),
         ],
@@ -47,21 +50,79 @@ def _certainty(rise: Float64[np.ndarray, "joints"], price: float) -> Float64[np.
 
 
 def _part_rises(
-    fit: Fit, costs: Float64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], frames: Frames
-) -> Float64[np.ndarray, "parts"]:
-    """What a part's points would cost more with the motion of whichever part linked to it suits them best.
+    fit: Fit,
+    costs: Float64[np.ndarray, "points"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    samples: Float64[np.ndarray, "parts count 3"],
+    frames: Frames,
+    price: float,
+) -> Float64[np.ndarray, "joints"]:
+    """What points would cost more if either end of a joint were not a part of its own.
 
-    Asked of both ends of a joint: where a part was cut in two, it is either piece that moves like the other.
+    Either it is one with the other end, or it is a piece of another, larger part that is linked to it.
     """
-    rises = np.full(fit.chain.parts, np.inf)
-    links = [*zip(fit.chain.parent, fit.chain.child, strict=True), *zip(fit.chain.child, fit.chain.parent, strict=True)]
-    members = [np.flatnonzero(fit.labels == part) for part, _ in links]
-    with_other = np.repeat([other for _, other in links], [len(points) for points in members])
-    of_link = np.repeat(np.arange(len(links)), [len(points) for points in members])
-    points = np.concatenate(members)
-    rise = _costs(points, with_other, Ts, frames) - costs[points]
-    np.minimum.at(rises, [part for part, _ in links], np.bincount(of_link, rise, minlength=len(links)))
-    return rises
+    chain, counts = fit.chain, np.bincount(fit.labels, minlength=fit.chain.parts)
+    rises = _joining_rises(fit, costs, Ts, frames)
+    rises += REFITTED * _rehanging_rises(fit, costs, Ts, samples, frames, rises < SURE * price)
+    swallowed = np.where(counts[:, None] < counts, rises, np.inf)
+    across = np.minimum(rises[chain.parent, chain.child], rises[chain.child, chain.parent])
+    return np.minimum(across, np.minimum(swallowed[chain.parent].min(axis=1), swallowed[chain.child].min(axis=1)))
+
+
+def _joining_rises(
+    fit: Fit, costs: Float64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], frames: Frames
+) -> Float64[np.ndarray, "parts parts"]:
+    """What a part's points (rows) would cost more with the motion of another (columns); infinite if not linked."""
+    parts, linked = fit.chain.parts, _linked(fit.chain)
+    points, other = np.nonzero(linked[fit.labels])
+    rise = _costs(points, other, Ts, frames) - costs[points]
+    sums = np.bincount(fit.labels[points] * parts + other, rise, minlength=parts**2).reshape(parts, parts)
+    return np.where(linked, sums, np.inf)
+
+
+def _rehanging_rises(
+    fit: Fit,
+    costs: Float64[np.ndarray, "points"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    samples: Float64[np.ndarray, "parts count 3"],
+    frames: Frames,
+    asked: Bool[np.ndarray, "parts parts"],
+) -> Float64[np.ndarray, "parts parts"]:
+    """What the others linked to a part (rows) would cost more if they hung on one of them (columns), by best joints.
+
+    A round link's own points tell nothing of its turning, but what hangs on it does.
+    """
+    linked = _linked(fit.chain)
+    part, into, other = np.nonzero(asked[:, :, None] & linked[:, None, :])
+    part, into, other = (index[into != other] for index in (part, into, other))
+    rises = np.zeros(asked.shape)
+    if len(part):
+        fits = joint_fits(Ts, into, other, samples[other])
+        states = fits.states - fits.states[:, [frames.canonical_frame]]
+        Ts_other = Ts[:, into] @ _joint_motions(fits.revolute, fits.axis, fits.point, states)
+        case, point = np.nonzero(other[:, None] == fit.labels)
+        rise = _costs(point, case, Ts_other, frames) - costs[point]
+        np.add.at(rises, (part, into), np.bincount(case, rise, minlength=len(part)))
+    return np.maximum(rises, 0.0)
+
+
+def _joint_motions(
+    revolute: Bool[np.ndarray, "joints"],
+    axis: Float64[np.ndarray, "joints 3"],
+    point: Float64[np.ndarray, "joints 3"],
+    states: Float64[np.ndarray, "joints frames"],
+) -> Float64[np.ndarray, "frames joints 4 4"]:
+    """The motion of each joint's child against its parent."""
+    axes, points, state = (torch.from_numpy(values)[:, None] for values in (axis, point, states))
+    turns = torch.from_numpy(revolute)[:, None]
+    angle, distance = torch.where(turns, state[:, 0], 0.0), torch.where(turns, 0.0, state[:, 0])
+    return screw_transform(axes, points, angle, distance).transpose(0, 1).numpy()
+
+
+def _linked(chain: Chain) -> Bool[np.ndarray, "parts parts"]:
+    linked = np.zeros((chain.parts, chain.parts), dtype=bool)
+    linked[chain.parent, chain.child] = linked[chain.child, chain.parent] = True
+    return linked
 
 
 def _free_costs(fit: Fit, Ts: Float64[np.ndarray, "frames parts 4 4"], frames: Frames) -> Float64[np.ndarray, "points"]:
@@ -135,12 +196,10 @@ def _other_motions(
     turn, slide = fit_screw(motions, p, "revolute"), fit_screw(motions, p, "prismatic")
     turns = torch.from_numpy(chain.revolute)[:, None]
     axis, point = torch.where(turns, slide.axis, turn.axis), torch.where(turns, slide.point, turn.point)
-    states = torch.where(turns[..., None], slide.states, turn.states)
+    states = torch.where(turns, slide.states[..., 1], turn.states[..., 0])
     states = states - states[:, [canonical_frame]]
-    others = screw_transform(axis[:, None], point[:, None], states[..., 0], states[..., 1])
-    T = torch.from_numpy(Ts).transpose(0, 1)
-    displaced = T[chain.parent] @ others @ inverse(T[chain.child])
-    return displaced.transpose(0, 1).numpy()
+    T_parent_child = _joint_motions(~chain.revolute, axis.numpy(), point.numpy(), states.numpy())
+    return Ts[:, chain.parent] @ T_parent_child @ np.linalg.inv(Ts[:, chain.child])
 
 
 def _samples(fit: Fit, frames: Frames) -> Float64[np.ndarray, "parts count 3"]:

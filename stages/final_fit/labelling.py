@@ -19,6 +19,7 @@ from stages.kernels.registration import move_points
 from stages.kernels.surface_graph import smoothness_weights, surface_graph
 
 NEIGHBOURS = 8
+RULED_OUT = 4.0  # a part whose motion suits a point so much worse than the best one's is not asked
 BONUSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 4.0)
 
 
@@ -51,8 +52,10 @@ class LabelProblem:
             grown = self.expand(labels, part, bonus)
             if np.count_nonzero(grown == part) >= least:
                 return grown
+        dearness = self._dearness(labels, part)
+        cheapest = np.argsort(dearness, kind="stable")[: int(np.ceil(least))]
         grown = labels.copy()
-        grown[np.argsort(self._dearness(labels, part), kind="stable")[: int(np.ceil(least))]] = part
+        grown[cheapest[np.isfinite(dearness[cheapest])]] = part
         return grown
 
     def with_every_part(self, labels: Int64[np.ndarray, "points"], count: int) -> Int64[np.ndarray, "count"]:
@@ -64,8 +67,10 @@ class LabelProblem:
         return labels[:count]
 
     def _dearness(self, labels: Int64[np.ndarray, "points"], part: int) -> Float64[np.ndarray, "points"]:
-        """What it costs each point to be of that part."""
-        dearness: np.ndarray = self.costs[:, part] - self.costs[np.arange(len(labels)), labels]
+        """What it costs each point to be of that part; infinite where it may not."""
+        may = np.isfinite(self.costs[:, part])
+        dearness = np.full(len(labels), np.inf)
+        dearness[may] = self.costs[may, part] - self.costs[may, labels[may]]
         return dearness
 
 
@@ -84,6 +89,9 @@ def relabel(
     point, part = np.nonzero(may[labels])
     costs = np.full((len(p), fit.chain.parts), np.inf)
     costs[point, part] = motion_cost(frames.registration, p, point, part, Ts)
+    ruled_out = costs > costs.min(axis=1, keepdims=True) + RULED_OUT
+    ruled_out[np.arange(len(p)), labels] = False
+    costs[ruled_out] = np.inf
     problem = LabelProblem(costs, graph.edges, boundary_price * smoothness_weights(p, graph))
     least = min_share * len(p)
     for unseen in np.setdiff1d(np.arange(fit.chain.parts), labels):

@@ -23,7 +23,19 @@ Estimator = Callable[
     [Sequence[Float64[np.ndarray, "points 3"]], FlowConfig, np.random.Generator, Progress], list[PairFlow]
 ]
 
-ESTIMATORS: dict[str, Estimator] = {"geometric": estimate_geometric}
+
+def estimate_none(
+    frames: Sequence[Float64[np.ndarray, "points 3"]],
+    config: FlowConfig,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[PairFlow]:
+    """No flow at all, to see what it brings: no matches in any pair."""
+    nothing = np.zeros(0, dtype=np.int64)
+    return [PairFlow(nothing, nothing, np.zeros((0, 3)), np.zeros(0)) for _ in frames[1:]]
+
+
+ESTIMATORS: dict[str, Estimator] = {"geometric": estimate_geometric, "none": estimate_none}
 
 
 def estimate_flow(

@@ -18,7 +18,7 @@ from stages.flow.pair import PairFlow, mutual_matches
 from stages.kernels.deformation_graph import Alignment, DeformationGraph, build_graph, deform
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import move_points
-from stages.kernels.sampling import farthest_points, normals, spacing
+from stages.kernels.sampling import farthest_points, normals, spacing, working_points
 from stages.progress import Progress
 
 REACH_COARSE, REACH_FINE = 10.0, 2.0  # robust reach at the first and last stiffness, in spacings
@@ -55,8 +55,8 @@ def align_pair(
     previous: NodeMotion | None = None,
 ) -> tuple[PairFlow, NodeMotion]:
     """Flow from `source` to `target`, and the nodes' motion as a start for the next pair."""
-    working = source[farthest_points(source, config.points)]
-    working_target = target[farthest_points(target, config.points)]
+    working = source[working_points(source, config.points)]
+    working_target = target[working_points(target, config.points)]
     noise = spacing(working_target)
     fine = _alignment(working, working_target, config.nodes, config.neighbours, noise)
     coarse = _alignment(

@@ -32,7 +32,7 @@ def fit_screw_pair(
     p_contact: Float64[np.ndarray, "3"],
     canonical_frame: int,
     noise: float,
-    iterations: int = 25,
+    iterations: int = 15,
 ) -> ScrewPair:
     """The two revolute joints in a row that best take the child's points where the motion takes them.
 

@@ -19,8 +19,10 @@ import pytest
 
 REART = [sys.executable, "-c", "from pipeline.cli import app; app()"]
 SETTINGS = [
-    "relaxed_fit.gumbel.iterations=4",
-    "relaxed_fit.gumbel.points=100",
+    "relaxed_fit.alternating.points=100",
+    "relaxed_fit.alternating.rounds=2",
+    "relaxed_fit.alternating.closing_rounds=1",
+    "canonical_frame.candidates=1",
     "final_fit.iterations=4",
     "final_fit.points=100",
     "flow.geometric.nodes=12",

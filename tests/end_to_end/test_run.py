@@ -13,9 +13,10 @@ STAGES = [
     "relaxed_fit",
     "projection",
     "merging",
-    "canonical_frame",
     "final_fit",
+    "canonical_frame",
     "result",
+    "export",
     "evaluation",
 ]
 
@@ -85,7 +86,13 @@ def test_a_final_fit_setting_reruns_only_the_final_fit_and_what_follows(copy):
     assert outcome.returncode == 0
     after = copy.times()
     assert before.items() <= after.items()  # side by side
-    assert sorted(stage(name) for name in after.keys() - before.keys()) == ["evaluation", "final_fit", "result"]
+    assert sorted(stage(name) for name in after.keys() - before.keys()) == [
+        "canonical_frame",
+        "evaluation",
+        "export",
+        "final_fit",
+        "result",
+    ]
     tasks = json.loads(copy.reart(*STATUS, "--json").stdout)
     assert {task["state"] for task in tasks if task["sequence"] == "box"} == {"done"}
 
@@ -95,15 +102,16 @@ def test_a_rerun_computes_a_stage_and_all_after_it_anew(copy):
     outcome = copy.reart("rerun", "final_fit", "--dataset", "scans", "--data", "data", "--sequence", "box")
     assert outcome.returncode == 0
     after = copy.times()
-    assert {stage(name) for name in before if before[name] != after[name]} == {"final_fit", "result", "evaluation"}
+    anew = {stage(name) for name in before if before[name] != after[name]}
+    assert anew == {"final_fit", "canonical_frame", "result", "export", "evaluation"}
     assert copy.contents() == contents
     assert copy.hidden() == []
 
 
 def test_a_flipped_byte_upstream_is_reported_and_not_used(copy):
     shutil.rmtree(artifact(copy, "result"))
-    final = artifact(copy, "final_fit")
-    chunk = final / "arrays.zarr" / "axis" / "c" / "0" / "0"
+    final = artifact(copy, "canonical_frame")
+    chunk = final / "arrays.zarr" / "model" / "axis" / "c" / "0" / "0"
     data = bytearray(chunk.read_bytes())
     data[len(data) // 2] ^= 1
     chunk.write_bytes(data)
@@ -114,7 +122,7 @@ def test_a_flipped_byte_upstream_is_reported_and_not_used(copy):
     assert final.name in error
     inspected = copy.reart("inspect", final)
     assert inspected.returncode == 1
-    assert "corrupt: arrays.zarr/axis" in inspected.stdout
+    assert "corrupt: arrays.zarr/model/axis" in inspected.stdout
 
 
 def test_a_deleted_artifact_is_made_again_though_what_follows_is_complete(copy):
@@ -128,7 +136,7 @@ def test_inspect_shows_arrays_and_energies(finished):
     final = artifact(finished, "final_fit")
     shown = finished.reart("inspect", final)
     assert shown.returncode == 0
-    for word in ("Ts_frame_canonical", "float64", "3 frames", "E_recons", "canonical_frame"):
+    for word in ("Ts_frame_canonical", "float64", "3 frames", "E_recons", "merging"):
         assert word in shown.stdout
     report = json.loads(finished.reart("inspect", final, "--json").stdout)
     assert report["problems"] == []

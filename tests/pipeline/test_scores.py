@@ -3,11 +3,13 @@ import shutil
 import pytest
 
 from pipeline import store
+from pipeline.report_tables import joint_table
 from pipeline.scores import gather, groups_of, read_scores, score_of
 from pipeline.task import upstream_first
 from pipeline.tasks import EvaluationTask, final_tasks
 from schemas.config import PipelineConfig
 from schemas.errors import InputError
+from schemas.metrics import JointVerdict
 from schemas.scores import SequenceScore
 
 
@@ -27,7 +29,7 @@ def test_every_evaluated_sequence_is_scored_with_its_robot_type_and_split(evalua
 
 def test_candidates_of_a_stage_are_one_cost_and_its_memory_is_the_greatest(evaluated):
     cost = gather(evaluated.request()).sequences[0].costs["relaxed_fit"]
-    assert cost.seconds == pytest.approx(3 * 3.5)
+    assert cost.seconds == pytest.approx(2 * 3.5)
     assert cost.peak_memory_mib == 101
 
 
@@ -37,6 +39,20 @@ def test_means_are_told_by_robot_type_split_and_over_all(evaluated):
     assert groups["all", "all"].figures.ari == pytest.approx(0.7)
     assert groups["split", "test"].sequences == 2
     assert ("robot", "bolt") in groups
+
+
+def test_confidence_is_judged_over_all_joints_of_a_group(evaluated):
+    def verdicts(*pairs):
+        return tuple(JointVerdict(confidence=confidence, right=right) for confidence, right in pairs)
+
+    evaluated.finish("cassie", verdicts=verdicts((0.9, True), (0.5, False)))
+    evaluated.finish("panda", verdicts=verdicts((0.2, True), (0.8, True)))
+    scores = gather(evaluated.request("cassie", "panda"))
+    groups = by_level(scores)
+    assert groups["all", "all"].figures.confidence_auc == pytest.approx(2 / 3)
+    assert groups["type", "biped"].figures.confidence_auc == 1
+    assert groups["type", "arm"].figures.confidence_auc is None  # nothing is wrong there
+    assert [row.cells[-3].text for row in joint_table(scores).rows if row.section == "all"] == ["0.667"]
 
 
 def test_a_split_leaves_the_others_out(evaluated):

@@ -47,6 +47,16 @@ def test_screws_may_turn_and_slide(samples):
     assert model.states.all()
 
 
+def test_confidence_is_told_of_every_joint_between_none_and_all(samples):
+    model = samples["kinematic"]
+    assert model.confidence is None
+    assert model.replace(confidence=np.array([[0.0, 0.5, 1.0]] * 2)).confidence[1, 2] == 1
+    assert "joints = 2" in refusal(model, confidence=np.ones((1, 3)))
+    assert "(joints, 3)" in refusal(model, confidence=np.ones((2, 2)))
+    for value in (-0.1, 1.1):
+        assert "0..1" in refusal(model, confidence=np.full((2, 3), value))
+
+
 def test_every_joint_has_a_type_that_is_known(samples):
     assert "joint_types" in refusal(samples["kinematic"], joint_types=("revolute",))
     assert "joint_types" in refusal(samples["kinematic"], joint_types=("revolute", "spherical"))

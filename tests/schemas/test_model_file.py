@@ -17,8 +17,19 @@ def test_model_json_survives_and_keeps_its_contract(samples):
     ]  # fmt: skip
     assert list(content["parts"][0]) == ["id", "name", "point_count"]
     assert list(content["joints"][0]) == [
-        "id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "states",
+        "id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "confidence", "states",
     ]  # fmt: skip
+
+
+def test_confidence_is_optional_and_between_none_and_all(samples):
+    content = json.loads(samples["result"].model.model_dump_json())
+    del content["joints"][0]["confidence"]  # as in files of earlier releases
+    assert ModelFile.model_validate(content) == samples["result"].model
+    content["joints"][0]["confidence"] = {"part": 0.0, "link": 0.25, "type": 1.0}
+    assert ModelFile.model_validate(content).joints[0].confidence.link == 0.25
+    content["joints"][0]["confidence"]["part"] = 1.5
+    with pytest.raises(ValidationError):
+        ModelFile.model_validate(content)
 
 
 @pytest.mark.parametrize(

@@ -6,28 +6,29 @@ from stages.canonical_frame import candidate_frames, choose
 from stages.projection import link_parts
 
 
-def candidate(truth, e_project, e_group):
+def candidate(truth, e_project, e_group, e_fit=0.0):
     model = link_parts(
         truth.sequence.frames()[2], truth.canonical_labels, truth.Ts_frame_canonical, 2, ProjectionConfig()
     )
-    return model.replace(energies={"E_project": e_project, "E_group": e_group})
+    return model.replace(energies={"E_project": e_project, "E_group": e_group, "E_fit": e_fit})
 
 
-def test_the_lowest_sum_wins(hinge):
-    models = [candidate(hinge, 3.0, 1.0), candidate(hinge, 1.0, 2.0), candidate(hinge, 0.5, 4.0)]
-    choice = choose(models)
-    assert choice.model is models[1]
+@pytest.mark.parametrize(("by", "best"), [("project", 1), ("fit", 2)])
+def test_the_lowest_energy_wins(hinge, by, best):
+    models = [candidate(hinge, 3.0, 1.0, 0.2), candidate(hinge, 1.0, 2.0, 0.3), candidate(hinge, 0.5, 4.0, 0.1)]
+    choice = choose(models, by)
+    assert choice.model is models[best]
     assert [c.e_project for c in choice.candidates] == [3.0, 1.0, 0.5]
 
 
 def test_the_first_of_equals_wins(hinge):
     models = [candidate(hinge, 1.0, 1.0), candidate(hinge, 1.0, 1.0)]
-    assert choose(models).model is models[0]
+    assert choose(models, "fit").model is models[0]
 
 
 def test_no_candidate_is_an_error():
     with pytest.raises(ValueError, match="at least one"):
-        choose([])
+        choose([], "fit")
 
 
 def test_candidates_are_the_middle_frame_and_its_neighbours():

@@ -270,6 +270,27 @@ def test_a_true_joint_whose_parts_are_not_linked_is_unmatched() -> None:
     assert metrics.tree_edit_distance == 2
 
 
+def test_confidence_is_told_of_matched_joints_and_judged_for_all() -> None:
+    data = ingested()
+    model = true_model(data).replace(joint_parent=np.array([0, 0, 0]))
+    assert measured(model, data).verdicts == ()
+    assert measured(model, data).joints[0].confidence is None
+    metrics = measured(model.replace(confidence=np.array([[0.9, 0.8, 1], [0.1, 1, 1], [1, 0.6, 0.7]])), data)
+    assert [joint.confidence for joint in metrics.joints] == [0.8, None, 0.6]
+    assert [(verdict.confidence, verdict.right) for verdict in metrics.verdicts] == [
+        (0.8, True),
+        (0.1, False),
+        (0.6, True),
+    ]
+
+
+def test_without_true_joints_no_confidence_is_judged() -> None:
+    data = ingested()
+    model = true_model(data).replace(confidence=np.ones((3, 3)))
+    assert measured(model, with_truth(data, joints=())).verdicts == ()
+    assert measured(model, data.replace(truth=None)).verdicts == ()
+
+
 def test_merged_parts_cost_recon_and_reanimation_and_lose_their_joint() -> None:
     data = ingested()
     model = true_model(data)

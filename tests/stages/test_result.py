@@ -154,6 +154,14 @@ def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
         assert np.dot(found["axis"], found["point"]) == pytest.approx(0, abs=1e-9)
 
 
+def test_joints_tell_their_confidence_where_the_fit_does() -> None:
+    confidence = np.arange(9).reshape(3, 3) / 10
+    result = to_result(model().replace(confidence=confidence), sequence())
+    description, _ = loaded(result_files(result))
+    assert description["joints"][1]["confidence"] == {"part": 0.3, "link": 0.4, "type": 0.5}
+    assert ModelFile.model_validate(description) == result.model
+
+
 def test_model_json_reads_back_to_the_same_model() -> None:
     result = to_result(model(), sequence())
     assert ModelFile.model_validate_json(result_files(result)["model.json"]) == result.model

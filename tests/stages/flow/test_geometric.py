@@ -66,3 +66,9 @@ def test_a_users_own_estimator_is_called_by_its_dotted_path(hinge, tmp_path, mon
 def test_an_unknown_estimator_is_refused_by_name(hinge, name):
     with pytest.raises(InputError, match=r"flow\.estimator.*" + name.split(":")[0]):
         estimate_flow(hinge.sequence, FlowConfig(estimator=name), RNG)
+
+
+def test_the_estimator_none_matches_nothing(hinge):
+    flow = estimate_flow(hinge.sequence, FlowConfig(estimator="none"), RNG)
+    np.testing.assert_array_equal(flow.match_counts, np.zeros(4))
+    assert len(flow.flow) == 0

@@ -1,0 +1,77 @@
+"""What each ingredient brings: `python benchmarks/variants.py SET --workdir DIR [--assets DIR] [--only NAME ...]`.
+
+Runs a set of benchmarks/sets as it is and with one thing changed at a time, in one working directory, so that only what
+a change touches is computed again. The table of means goes to benchmarks/results/variants-SET-DATE.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+from run import FOLDER, Record, commit, machine, read_set, run
+
+from pipeline.cli.options import cores
+from pipeline.report_tables import Cell, Row, Table, to_markdown
+from schemas.errors import InputError
+
+VARIANTS: dict[str, tuple[str, ...]] = {
+    "as it is": (),
+    "solver gumbel, merging by E_merge": ("relaxed_fit.solver=gumbel", "merging.threshold=0.8"),
+    "no flow: the fit starts from still parts": ("flow.estimator=none",),
+    "no splitting": ("relaxed_fit.alternating.closing_rounds=5",),
+    "no hidden links": ("final_fit.hidden_links=false",),
+    "no kinematic relabelling": ("final_fit.relabel=false",),
+    "no pruning": ("final_fit.part_price=0",),
+    "labels of one frame only": ("final_fit.fused_frames=1",),
+    "canonical frame: the middle one": ("canonical_frame.candidates=1",),
+    "canonical frame: any of ten": ("canonical_frame.candidates=10",),
+}
+MEASURES = ("ari", "tree_edit_distance", "recon_percent", "epe_percent", "reanimation_percent", "axis_angle_deg")
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the variants. The exit code is 1 where one of the runs failed, 2 where there is nothing to run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("set", help="the name of a set, a file in benchmarks/sets")
+    parser.add_argument("--workdir", type=Path, required=True, help="where artifacts go")
+    parser.add_argument("--assets", type=Path, help="a folder of robot descriptions, NAME/NAME.urdf")
+    parser.add_argument("--workers", type=int, default=cores(), help="stages computed at a time; default: the cores")
+    parser.add_argument("--only", nargs="+", choices=tuple(VARIANTS), metavar="NAME", help="these variants only")
+    arguments = parser.parse_args(words)
+    records: dict[str, Record] = {}
+    try:
+        chosen = read_set(arguments.set)
+        for name in arguments.only or VARIANTS:
+            changed = chosen.model_copy(update={"settings": chosen.settings + VARIANTS[name]})
+            records[name] = run(arguments.set, changed, arguments.workdir, arguments.workers, arguments.assets)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    text = f"{to_markdown(table(records))}\n{facts(arguments.set)}\n"
+    path = FOLDER / "results" / f"variants-{arguments.set}-{datetime.now(UTC):%Y-%m-%d-%H%M}.md"
+    path.write_text(text)
+    print(f"{text}\nwritten: {path}")
+    return max(record.exit_code for record in records.values())
+
+
+def table(records: dict[str, Record]) -> Table:
+    """Means over all sequences, a row for each variant."""
+    rows = []
+    for name, record in records.items():
+        means = next(group.figures for group in record.evaluation.groups if group.level == "all")
+        cells = [Cell("-" if (value := getattr(means, measure)) is None else f"{value:.3f}") for measure in MEASURES]
+        rows.append(Row(name, tuple(cells)))
+    return Table("Variants", ("variant", *MEASURES), tuple(rows), words=False)
+
+
+def facts(name: str) -> str:
+    """Where and of what the figures are."""
+    computer = machine()
+    return f"Set `{name}`, commit {commit() or '-'}, {computer.processor}, {computer.cores} cores."
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""`reart export`: a model as a robot description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.options import SetOption, writable_folder
+from pipeline.model_folder import frames_of_model, read_model_folder, write_beside
+from pipeline.presets import load_config
+from schemas.errors import InputError
+
+FORMATS = ("urdf", "mjcf")
+
+
+def export(
+    model: Annotated[Path, typer.Argument(help="A folder with model.json and model.npz, as `reart fit` writes it.")],
+    *,
+    to: Annotated[str, typer.Option(help="The format: urdf, or mjcf for MuJoCo.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Where the description and its meshes/ go.", show_default="MODEL")
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Metres per unit of the model's coordinates.", show_default="by its unit, or 1")
+    ] = None,
+    mesh: Annotated[
+        str | None, typer.Option(help="A part's visible mesh: closed (what its points enclose) or hull.")
+    ] = None,
+    collision: Annotated[
+        str | None, typer.Option(help="A part's collision mesh: hull, or coacd (several, by that package).")
+    ] = None,
+    settings: SetOption,
+) -> None:
+    """Write a model as URDF or MJCF, with a mesh, mass and inertia for every part and limits for every joint.
+
+    Meshes are made of all frames' points where the fit's artifacts are still there, else of the canonical frame's.
+
+    Examples:
+
+    - `reart export models/lamp --to urdf`
+
+    - `reart export models/lamp --to mjcf --scale 0.001 --out lamp_mujoco --set export.density=500`
+    """
+    if to not in FORMATS:
+        raise InputError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
+    options = {"metres_per_unit": scale, "surface": mesh, "collision": collision}
+    given = [f"export.{name}={value}" for name, value in options.items() if value is not None]
+    config = load_config(["scans"], [*settings, *given]).export
+    result = read_model_folder(model)
+    folder = out or model
+    if (folder / "manifest.json").exists():
+        raise InputError(f"{folder}: found an artifact, whose files stay as they are; name another folder by --out")
+    from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
+
+    check_exportable(result.model)
+    writable_folder(folder, "--out")
+    frames = frames_of_model(model, result)
+    robot = describe(result, frames, config, model.resolve().name)
+    files = WRITERS[to](robot)
+    write_beside(folder, files)
+    what = f"{len(frames)} frames" if frames else "the canonical frame only"
+    typer.echo(f"{len(robot.links)} links, {len(robot.joints)} joints; meshes of the points of {what}")
+    if robot.units == "unknown" and scale is None and config.metres_per_unit is None:
+        typer.echo("the model's unit is unknown: one unit was taken for one metre; say otherwise by --scale")
+    if open_meshes := [entry.file for entry in robot.meshes if not entry.closed]:
+        typer.echo(f"not closed: {', '.join(open_meshes)}")
+    typer.echo(f"written: {folder / next(iter(files))}")

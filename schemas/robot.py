@@ -1,0 +1,86 @@
+"""A robot description: what a URDF or an MJCF file says of a model, in metres, kilograms and radians."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from pydantic import Field
+
+from schemas.artifact import Artifact, Schema, Unit
+from schemas.model_file import Vector
+
+MeshRole = Literal["visual", "collision"]
+SolidKind = Literal["mesh", "hull", "none"]
+
+
+class RobotMesh(Schema):
+    """One mesh of a link; its vertices and triangles follow those of the meshes before it in the robot's arrays."""
+
+    link: int
+    role: MeshRole
+    file: str = Field(description="path relative to the description")
+    vertices: int
+    triangles: int
+    closed: bool
+
+
+class RobotLink(Schema):
+    """A rigid part. Its frame has the canonical frame's orientation; the root's is the canonical frame itself."""
+
+    name: str
+    points: int = Field(description="the surface points that its mesh was made of")
+    origin: Vector = Field(description="of its frame, in the canonical frame's coordinates")
+    mass: float = Field(gt=0)
+    centre: Vector = Field(description="of mass, in the link's frame")
+    inertia: tuple[float, float, float, float, float, float] = Field(
+        description="ixx, iyy, izz, ixy, ixz, iyz about the centre of mass"
+    )
+    solid: SolidKind = Field(description="whose volume mass and inertia are of")
+
+
+class RobotJoint(Schema):
+    """A joint at its child's origin; `axis` is in the frame of either link, as both have one orientation at zero."""
+
+    name: str
+    parent: int
+    child: int
+    type: Literal["revolute", "prismatic"]
+    axis: Vector
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+    damping: float
+    states: tuple[float, ...] = Field(description="the fitted ones, one for each frame")
+
+
+class Robot(Artifact):
+    """Links in the model's order, joints from the root outwards, and the meshes one after the other."""
+
+    name: str
+    metres_per_unit: float
+    units: str = Field(description="of the model's coordinates, as far as it tells")
+    canonical_frame: int
+    root: int
+    free_base: bool
+    density: float
+    links: tuple[RobotLink, ...]
+    joints: tuple[RobotJoint, ...]
+    meshes: tuple[RobotMesh, ...]
+    vertices: Annotated[Float64[np.ndarray, "all_vertices 3"], Unit("metre")] = Field(description="in links' frames")
+    triangles: Annotated[Int64[np.ndarray, "all_triangles 3"], Unit("index")] = Field(description="from each mesh's 0")
+    touching: Annotated[Int64[np.ndarray, "pairs 2"], Unit("index")] = Field(
+        description="links whose collision meshes overlap in the canonical frame, and linked ones"
+    )
+    T_frame_root: Annotated[Float64[np.ndarray, "frames 4 4"], Unit("metre")]
+
+    def geometry(self) -> list[tuple[RobotMesh, Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]]:
+        """Every mesh with its vertices and triangles."""
+        vertices = np.split(self.vertices, np.cumsum([mesh.vertices for mesh in self.meshes]))
+        triangles = np.split(self.triangles, np.cumsum([mesh.triangles for mesh in self.meshes]))
+        return list(zip(self.meshes, vertices, triangles, strict=False))
+
+    def meshes_of(self, link: int, role: MeshRole) -> list[RobotMesh]:
+        return [mesh for mesh in self.meshes if (mesh.link, mesh.role) == (link, role)]

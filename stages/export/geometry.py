@@ -1,0 +1,105 @@
+"""The shape of every part, from the points of all frames together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from schemas.config import ExportConfig
+from schemas.errors import InputError
+from schemas.model_file import Result
+from stages.kernels.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
+from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.registration import move_points
+from stages.kernels.sampling import spacing
+from stages.kernels.surface_graph import surface_graph
+
+FARTHEST = 3.0  # points of a frame farther from the posed model, in spacings, are of none of its parts
+LEAST_SPECK = 0.02  # share of a part's points below which a piece apart from the rest is no part of it
+CONTACT = 1.5  # points of a part this much farther than the nearest from its parent are its contact
+NEIGHBOURS = 8
+COACD_TRIANGLES = 600
+
+
+def fuse(
+    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None
+) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:
+    """The canonical points and those of the other frames, in the canonical frame's coordinates, with their labels.
+
+    A point of another frame belongs to the part whose canonical points, posed there, it lies nearest.
+    """
+    p = result.canonical_points.astype(np.float64)
+    clouds, labels = [p], [result.labels]
+    reach = FARTHEST * spacing(p)
+    for t, frame in enumerate(frames or ()):
+        if t == result.model.canonical_frame:
+            continue
+        Ts = result.T_frame_canonical[t]
+        distance, index = nearest(KDTree(move_points(Ts[result.labels], p)), frame)
+        here, close = result.labels[index], distance <= reach
+        clouds.append(move_points(np.linalg.inv(Ts)[here[close]], frame[close]))
+        labels.append(here[close])
+    return np.concatenate(clouds), np.concatenate(labels)
+
+
+def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kept 3"]:
+    """A part's points, each once, without outliers and specks, and with noise evened out."""
+    points = np.unique(points, axis=0)
+    if len(points) <= NEIGHBOURS:
+        return points
+    points = points[without_outliers(points)]
+    graph = surface_graph(points, NEIGHBOURS)
+    piece = graph.components(np.zeros(len(points), dtype=np.int64))
+    sizes = np.bincount(piece)
+    return smoothed(points[sizes[piece] >= min(LEAST_SPECK * len(points), sizes.max())])
+
+
+def part_mesh(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Mesh:
+    """The surface of a part's cleaned points. A lone point becomes a little ball, a flat part a slab."""
+    radius = max(config.reach * spacing(points), least_radius) if len(points) > 1 else least_radius
+    mesh = closed_surface(points, radius)
+    return decimated(convex_hull(mesh.vertices) if config.surface == "hull" else mesh, config.triangles)
+
+
+def collision_meshes(mesh: Mesh, config: ExportConfig) -> list[Mesh]:
+    """Convex meshes that stand for a part in contacts. Raises InputError where coacd is asked for and missing."""
+    if config.collision == "hull":
+        return [convex_hull(mesh.vertices)]
+    try:
+        import coacd
+    except ImportError as error:
+        raise InputError(
+            "export.collision: found coacd, which is not installed; `pip install rearticulate[coacd]`, or take hull"
+        ) from error
+    coacd.set_log_level("error")
+    coarse = decimated(mesh, COACD_TRIANGLES)  # minutes a part otherwise
+    pieces = coacd.run_coacd(
+        coacd.Mesh(coarse.vertices, coarse.triangles),
+        threshold=0.1,
+        mcts_iterations=30,
+        max_convex_hull=16,
+        preprocess_mode="off",
+        seed=0,
+    )
+    return [convex_hull(np.asarray(vertices, dtype=np.float64)) for vertices, _ in pieces]
+
+
+def joint_origin(
+    parent: Float64[np.ndarray, "points 3"],
+    child: Float64[np.ndarray, "others 3"],
+    axis: Float64[np.ndarray, "3"],
+    point: Float64[np.ndarray, "3"],
+) -> Float64[np.ndarray, "3"]:
+    """The point of a joint's axis next to where its child touches its parent.
+
+    Where one of them has no points, next to the other's middle.
+    """
+    if len(parent) and len(child):
+        distance = nearest(KDTree(parent), child)[0]
+        near = child[distance <= CONTACT * distance.min() + 0.02 * np.ptp(child, axis=0).max()]
+    else:
+        near = np.concatenate([parent, child, point[None]])
+    along: np.ndarray = axis * (axis @ (near.mean(axis=0) - point))
+    return point + along

@@ -1,0 +1,48 @@
+"""What URDF and MJCF share: numbers as text, colours, indented XML, and meshes as binary STL."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from schemas.robot import Robot
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers as they are read back exactly, separated by blanks."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def document(root: ET.Element, robot: Robot) -> bytes:
+    """An XML document that begins by telling what it is of."""
+    unit = "an unknown unit" if robot.units == "unknown" else robot.units
+    open_meshes = [mesh.file for mesh in robot.meshes if not mesh.closed]
+    note = (
+        f" Made by Rearticulate. Zero states: frame {robot.canonical_frame}. Metres, kilograms, radians: "
+        f"1 of the model's coordinates ({unit}) = {robot.metres_per_unit:g} m, density {robot.density:g} kg/m^3. "
+        f"Meshes that are not closed: {', '.join(open_meshes) or 'none'}. "
+    )
+    root.insert(0, ET.Comment(note))
+    ET.indent(root)
+    body: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return body + b"\n"
+
+
+def mesh_files(robot: Robot) -> dict[str, bytes]:
+    """Every mesh as a binary STL file, in its link's frame."""
+    return {mesh.file: stl(vertices, triangles) for mesh, vertices, triangles in robot.geometry()}
+
+
+def stl(vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]) -> bytes:
+    """Binary STL: 80 bytes of header, the number of triangles, then normal, corners and two spare bytes of each."""
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+    records = np.zeros(len(triangles), dtype=record)
+    corners = vertices[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    records["normal"] = normal / np.where(length > 0, length, 1.0)
+    records["corners"] = corners
+    return bytes(80) + np.array(len(triangles), dtype="<u4").tobytes() + records.tobytes()

@@ -1,0 +1,82 @@
+"""A robot description as MJCF, MuJoCo's own format."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from schemas.robot import Robot, RobotJoint
+from stages.export.markup import document, mesh_files, numbers
+from stages.figure import part_colours
+
+FILE = "robot.xml"
+KINDS = {"revolute": "hinge", "prismatic": "slide"}
+
+
+def mjcf_files(robot: Robot) -> dict[str, bytes]:
+    """robot.xml and the meshes that it names, by relative path.
+
+    Links that touch do not collide; a moving base has a free joint. Key frame `frame_t` is the fitted frame t.
+    """
+    root = ET.Element("mujoco", model=robot.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    asset = ET.SubElement(root, "asset")
+    for mesh in robot.meshes:
+        ET.SubElement(asset, "mesh", name=_stem(mesh.file), file=mesh.file, inertia="shell")
+    world = ET.SubElement(root, "worldbody")
+    ET.SubElement(world, "light", pos=numbers([0, 0, 10]), dir=numbers([0, 0, -1]), directional="true")
+    order: list[RobotJoint] = []
+    _add_body(world, robot, robot.root, None, order)
+    if len(robot.touching):
+        contact = ET.SubElement(root, "contact")
+        for a, b in robot.touching.tolist():
+            ET.SubElement(contact, "exclude", body1=robot.links[a].name, body2=robot.links[b].name)
+    keyframe = ET.SubElement(root, "keyframe")
+    for t in range(len(robot.T_frame_root)):
+        ET.SubElement(keyframe, "key", name=f"frame_{t}", qpos=numbers(_positions(robot, order, t)))
+    return {FILE: document(root, robot), **mesh_files(robot)}
+
+
+def _add_body(above: ET.Element, robot: Robot, index: int, joint: RobotJoint | None, order: list[RobotJoint]) -> None:
+    """A link, and all that hangs on it; `order` gets the joints in the order of MuJoCo's qpos."""
+    link = robot.links[index]
+    origin = np.subtract(link.origin, robot.links[joint.parent].origin) if joint else np.array(link.origin)
+    body = ET.SubElement(above, "body", name=link.name, pos=numbers(origin))
+    inertial = {"pos": link.centre, "mass": [link.mass], "fullinertia": link.inertia}
+    ET.SubElement(body, "inertial", {name: numbers(values) for name, values in inertial.items()})
+    if joint is not None:
+        order.append(joint)
+        limits = {
+            "axis": numbers(joint.axis),
+            "range": numbers([joint.lower, joint.upper]),
+            "actuatorfrcrange": numbers([-joint.effort, joint.effort]),
+            "damping": numbers([joint.damping]),
+        }
+        ET.SubElement(body, "joint", {"name": joint.name, "type": KINDS[joint.type], **limits})
+    elif robot.free_base:
+        ET.SubElement(body, "freejoint", name=f"{link.name}_free")
+    colour = part_colours(len(robot.links))[index].round(3).tolist()
+    for mesh in robot.meshes_of(index, "visual"):
+        look = {"contype": "0", "conaffinity": "0", "group": "2", "rgba": numbers([*colour, 1.0])}
+        ET.SubElement(body, "geom", {"type": "mesh", "mesh": _stem(mesh.file), **look})
+    for mesh in robot.meshes_of(index, "collision"):
+        ET.SubElement(body, "geom", type="mesh", mesh=_stem(mesh.file), group="3")
+    for below in robot.joints:
+        if below.parent == index:
+            _add_body(body, robot, below.child, below, order)
+
+
+def _positions(robot: Robot, order: list[RobotJoint], t: int) -> list[float]:
+    """MuJoCo's qpos of a fitted frame: the base's place and quaternion (w first), where it moves, and the states."""
+    states = [joint.states[t] for joint in order]
+    if not robot.free_base:
+        return states
+    T = robot.T_frame_root[t]
+    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    return [*T[:3, 3].tolist(), *quaternion.tolist(), *states]
+
+
+def _stem(file: str) -> str:
+    return file.rpartition("/")[2].removesuffix(".stl")

@@ -1,0 +1,254 @@
+"""From a fitted model to a robot description: link frames, meshes, masses and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from schemas.config import ExportConfig
+from schemas.errors import InputError
+from schemas.model_file import ModelFile, ModelJoint, Result, Vector
+from schemas.robot import MeshRole, Robot, RobotJoint, RobotLink, RobotMesh, SolidKind
+from stages.export.geometry import cleaned, collision_meshes, fuse, joint_origin, part_mesh
+from stages.export.inertia import Solid, about_axis, solid_of
+from stages.kernels.meshing import Mesh, convex_hull
+from stages.kernels.sampling import spacing
+
+METRES = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001, "unknown": 1.0}
+HOLLOW = 0.25  # a mesh that encloses less of its hull is an open shell: then the hull's volume counts
+LEAST_MASS = 1e-3  # of a link, as a share of the robot's: simulators do not stand great ratios
+LEAST_RADIUS = 5e-3  # of a link's extent (RMS), as a share of the diagonal, for the same reason
+LEAST_RANGE = 0.01  # of a joint: radians, or a share of the diagonal; simulators refuse an empty one
+STILL = 1e-6  # a root that moves less, as a share of the diagonal, stands still
+
+
+@dataclass(frozen=True)
+class Body:
+    """One part's shape in the canonical frame's coordinates; no mesh where it has no points."""
+
+    points: Float64[np.ndarray, "points 3"]
+    visual: Mesh | None
+    collision: list[Mesh]
+
+    def placed(self, scale: float, origin: Float64[np.ndarray, "3"]) -> Body:
+        """The same, scaled and moved."""
+        visual, *collision = (
+            Mesh(mesh.vertices * scale + origin, mesh.triangles) if mesh else None
+            for mesh in (self.visual, *self.collision)
+        )
+        return Body(self.points * scale + origin, visual, [mesh for mesh in collision if mesh])
+
+    def solid(self) -> tuple[Solid, SolidKind]:
+        """What mass and inertia are of: what the mesh encloses, or its hull where that is next to nothing."""
+        if self.visual is None:
+            return Solid(0.0, np.zeros(3), np.zeros((3, 3))), "none"
+        hull = solid_of(convex_hull(self.visual.vertices))
+        if self.visual.closed and (solid := solid_of(self.visual)).volume > HOLLOW * hull.volume:
+            return solid, "mesh"
+        return hull, "hull"
+
+
+def describe(
+    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, config: ExportConfig, name: str
+) -> Robot:
+    """The robot description of a model; `frames`, in the input's coordinates, make its meshes denser where given.
+
+    Raises InputError for joints that no description holds (spherical) or that are no tree.
+    """
+    model = result.model
+    check_exportable(model)
+    scale = config.metres_per_unit or METRES[model.units]
+    fused, labels = fuse(result, frames)
+    canonical = result.canonical_points.astype(np.float64)
+    middle, diagonal = canonical.mean(axis=0), float(np.linalg.norm(np.ptp(canonical, axis=0))) or 1.0
+    fused = (fused - middle) / diagonal  # the same meshes in any unit
+    canonical, middle, diagonal = canonical * scale, middle * scale, diagonal * scale
+    radius = config.reach * spacing(fused)
+    bodies = [_body(fused[labels == part.id], radius, config).placed(diagonal, middle) for part in model.parts]
+    order = joints_from_root(model)
+    origins = np.zeros((len(bodies), 3))
+    for joint in order:
+        axis, point = np.array(joint.axis), np.array(joint.point) * scale
+        origins[joint.child] = joint_origin(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
+    links, inertias = _links(model, bodies, origins, diagonal, config.density)
+    joints = _joints(model, order, links, inertias, scale, diagonal, config)
+    T_frame_root = result.T_frame_canonical[:, model.root].copy()
+    T_frame_root[:, :3, 3] *= scale
+    moved = canonical @ T_frame_root[:, :3, :3].transpose(0, 2, 1) + T_frame_root[:, None, :3, 3] - canonical
+    meshes = list(_meshes(model, bodies))
+    return Robot(
+        name=name,
+        metres_per_unit=scale,
+        units=model.units,
+        canonical_frame=model.canonical_frame,
+        root=model.root,
+        free_base=bool(np.abs(moved).max() > STILL * diagonal),
+        density=config.density,
+        links=links,
+        joints=joints,
+        meshes=tuple(entry for entry, _ in meshes),
+        vertices=np.concatenate([np.zeros((0, 3))] + [mesh.vertices - origins[entry.link] for entry, mesh in meshes]),
+        triangles=np.concatenate([np.zeros((0, 3), dtype=np.int64)] + [mesh.triangles for _, mesh in meshes]),
+        touching=_touching(model, bodies),
+        T_frame_root=T_frame_root,
+    )
+
+
+def check_exportable(model: ModelFile) -> None:
+    """Raises InputError for a joint that is spherical, for names given twice, and for joints that are no tree."""
+    for joint in model.joints:
+        if joint.type == "spherical":
+            raise InputError(
+                f"model.json: joint {joint.name} is spherical, expected revolute or prismatic; "
+                "put two revolute joints in its place, or export another model"
+            )
+    for kind, names in (("parts", [p.name for p in model.parts]), ("joints", [j.name for j in model.joints])):
+        if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
+            raise InputError(f"model.json: {kind}: found the name {twice[0]!r} twice or empty, expected one for each")
+    joints_from_root(model)
+
+
+def joints_from_root(model: ModelFile) -> list[ModelJoint]:
+    """The joints, each after its parent part's own. Raises InputError where they are no tree over all parts."""
+    parts = list(range(len(model.parts)))
+    if [part.id for part in model.parts] != parts:
+        raise InputError(f"model.json: parts: found ids {[part.id for part in model.parts]}, expected {parts}")
+    order: list[ModelJoint] = []
+    front = [model.root]
+    while front and len(order) <= len(model.joints):
+        here = [joint for joint in model.joints if joint.parent == front[0]]
+        front = [*front[1:], *(joint.child for joint in here)]
+        order += here
+    if sorted([model.root, *(joint.child for joint in model.joints)]) != parts or len(order) != len(model.joints):
+        raise InputError(
+            "model.json: joints: found a cycle, or parts that do not hang on the root by one joint each, "
+            f"expected a tree over {len(parts)} parts with root {model.root}; fit the model anew"
+        )
+    return order
+
+
+def _body(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Body:
+    points = cleaned(points)
+    visual = part_mesh(points, least_radius, config) if len(points) else None
+    return Body(points, visual, collision_meshes(visual, config) if visual else [])
+
+
+def _links(
+    model: ModelFile, bodies: list[Body], origins: Float64[np.ndarray, "parts 3"], diagonal: float, density: float
+) -> tuple[tuple[RobotLink, ...], list[Float64[np.ndarray, "3 3"]]]:
+    """The links, and their inertias as matrices."""
+    solids = [body.solid() for body in bodies]
+    least = LEAST_MASS * max(sum(solid.volume for solid, _ in solids), (LEAST_RADIUS * diagonal) ** 3) * density
+    links, inertias = [], []
+    for part, body, (solid, kind), origin in zip(model.parts, bodies, solids, origins, strict=True):
+        mass = max(density * solid.volume, least)
+        inertia = solid.inertia(mass, LEAST_RADIUS * diagonal)
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.tolist()
+        links.append(
+            RobotLink(
+                name=part.name,
+                points=len(body.points),
+                origin=_vector(origin),
+                mass=mass,
+                centre=_vector(solid.centre - origin if kind != "none" else np.zeros(3)),
+                inertia=(xx, yy, zz, xy, xz, yz),
+                solid=kind,
+            )
+        )
+        inertias.append(inertia)
+    return tuple(links), inertias
+
+
+def _joints(
+    model: ModelFile,
+    order: list[ModelJoint],
+    links: tuple[RobotLink, ...],
+    inertias: list[Float64[np.ndarray, "3 3"]],
+    scale: float,
+    diagonal: float,
+    config: ExportConfig,
+) -> tuple[RobotJoint, ...]:
+    """Joints with limits around the observed range, and damping that settles what hangs on them."""
+    carried = {part.id: {part.id} for part in model.parts}
+    for joint in reversed(order):
+        carried[joint.parent] |= carried[joint.child]
+    joints = []
+    for joint in order:
+        factor = scale if joint.type == "prismatic" else 1.0
+        states = factor * np.array(joint.states, dtype=np.float64)
+        low, high = min(factor * joint.lower, states.min()), max(factor * joint.upper, states.max())
+        least = LEAST_RANGE * (diagonal if joint.type == "prismatic" else 1.0)
+        margin = max(config.limit_margin * (high - low), (least - (high - low)) / 2)
+        axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+        load = 0.0
+        for part in carried[joint.child]:
+            link = links[part]
+            arm = np.add(link.origin, link.centre) - links[joint.child].origin
+            load += about_axis(inertias[part], link.mass, arm, axis) if joint.type == "revolute" else link.mass
+        joints.append(
+            RobotJoint(
+                name=joint.name,
+                parent=joint.parent,
+                child=joint.child,
+                type="revolute" if joint.type == "revolute" else "prismatic",
+                axis=_vector(axis),
+                lower=float(low - margin),
+                upper=float(high + margin),
+                effort=config.effort,
+                velocity=config.velocity,
+                damping=load / config.settling,
+                states=tuple(states.tolist()),
+            )
+        )
+    return tuple(joints)
+
+
+def _meshes(model: ModelFile, bodies: list[Body]) -> list[tuple[RobotMesh, Mesh]]:
+    meshes: list[tuple[RobotMesh, Mesh]] = []
+
+    def add(link: int, role: MeshRole, stem: str, mesh: Mesh) -> None:
+        entry = RobotMesh(
+            link=link,
+            role=role,
+            file=f"meshes/{stem}.stl",
+            vertices=len(mesh.vertices),
+            triangles=len(mesh.triangles),
+            closed=mesh.closed,
+        )
+        meshes.append((entry, mesh))
+
+    for part, body in zip(model.parts, bodies, strict=True):
+        if body.visual is not None:
+            add(part.id, "visual", f"part_{part.id}", body.visual)
+        for rank, mesh in enumerate(body.collision):
+            number = f"_{rank}" if len(body.collision) > 1 else ""
+            add(part.id, "collision", f"part_{part.id}_collision{number}", mesh)
+    return meshes
+
+
+def _touching(model: ModelFile, bodies: list[Body]) -> Int64[np.ndarray, "pairs 2"]:
+    """Pairs of links that are linked, or whose collision meshes' boxes overlap in the canonical frame.
+
+    A simulator would push them apart before anything has moved.
+    """
+    boxes = [_box(body) for body in bodies]
+    pairs = {(min(joint.parent, joint.child), max(joint.parent, joint.child)) for joint in model.joints}
+    for a, box in enumerate(boxes):
+        for b, other in enumerate(boxes[:a]):
+            if box is not None and other is not None and np.all((box[0] <= other[1]) & (other[0] <= box[1])):
+                pairs.add((b, a))
+    return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+
+def _box(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
+    if body.visual is None:
+        return None
+    return body.visual.vertices.min(axis=0), body.visual.vertices.max(axis=0)
+
+
+def _vector(p: Float64[np.ndarray, "3"]) -> Vector:
+    x, y, z = p.tolist()
+    return x, y, z
