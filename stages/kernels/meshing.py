@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 from stages.kernels.nearest import KDTree, neighbours
 
 STEPS_PER_RADIUS = 3  # grid steps in the ball's radius; slabs are two steps thick
-MOST_NODES = 600_000  # of the grid; a larger thing gets a coarser one
+MOST_NODES = 100_000  # of the grid; a larger thing gets a coarser one
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def test_the_fit_lowers_the_energy_and_reports_it(hinge):
     start = parts_of(hinge, 0.03)
     none = CONFIG.model_copy(update={"iterations": 0, "last_iterations": 0, "prune_iterations": 0})
     before, after = fit(start, hinge, none).energies, fit(start, hinge).energies
-    assert after.keys() == {"E_project", "E_group", "E_recons", "E_CD", "E_EMD", "E_flow"}
+    assert after.keys() == {"E_project", "E_group", "E_recons", "E_CD", "E_EMD", "E_flow", "E_fit"}
     assert after["E_recons"] < 0.97 * before["E_recons"]
     weights = CONFIG.energy
     total = weights.lambda_cd * after["E_CD"] + weights.lambda_emd * after["E_EMD"]
