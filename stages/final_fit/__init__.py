@@ -12,6 +12,7 @@ from schemas.sequence import PointSequence
 from stages.energy import ReconstructionEnergy
 from stages.final_fit.confidence import joint_confidence
 from stages.final_fit.hidden_links import insert_hidden_links
+from stages.final_fit.joint_types import try_hinges
 from stages.final_fit.labelling import relabel
 from stages.final_fit.pruning import cost_of, prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
@@ -40,7 +41,7 @@ def fit_final(
     fit = Fit(to_chain(model, frames, config.still_root), labels)
     if config.hidden_links:
         fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, config.iterations)
-    fit = frames.refine(fit, config.iterations)
+    fit = try_hinges(frames.refine(fit, config.iterations), frames, config.iterations)
     progress(1, STEPS)
     if config.relabel:
         fit = frames.refine(_relabelled(fit, frames, config, (config.fused_frames + 1) // 2), config.iterations)

@@ -13,9 +13,8 @@ import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, relative_motions
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of, relative_motions
 from stages.kernels.articulation import Chain, Joint
-from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.sampling import farthest_points
 from stages.kernels.screw import ScrewFit, fit_screw
 from stages.kernels.screw_pair import ScrewPair, fit_screw_pair
@@ -61,7 +60,7 @@ def link_candidates(
         if parent < 0 or not (fit.labels == parent).any():
             continue
         p_child = frames.p[fit.labels == child]
-        contact = _contact(frames.p[fit.labels == parent], p_child)
+        contact = contact_of(frames.p[fit.labels == parent], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion = relative_motions(Ts_free, np.array([parent]), np.array([child]))[0]
         p = torch.from_numpy(p_child)
@@ -76,15 +75,6 @@ def link_candidates(
 
 def _rms(fit: ScrewFit) -> float:
     return float(fit.residual.sqrt())
-
-
-def _contact(
-    p_parent: Float64[np.ndarray, "points 3"], p_child: Float64[np.ndarray, "others 3"]
-) -> Float64[np.ndarray, "3"]:
-    """The middle between the two nearest points of two parts."""
-    distance, index = nearest(KDTree(p_parent), p_child)
-    closest = distance.argmin()
-    return 0.5 * (p_parent[index[closest]] + p_child[closest])
 
 
 def with_links(chain: Chain, pairs: Mapping[int, ScrewPair]) -> Chain:

@@ -139,6 +139,15 @@ def relative_motions(
     return se3.inverse(T[parent]) @ T[child]
 
 
+def contact_of(
+    p_parent: Float64[np.ndarray, "points 3"], p_child: Float64[np.ndarray, "others 3"]
+) -> Float64[np.ndarray, "3"]:
+    """The middle between the two nearest points of two parts."""
+    distance, index = nearest(KDTree(p_parent), p_child)
+    closest = distance.argmin()
+    return 0.5 * (p_parent[index[closest]] + p_child[closest])
+
+
 def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
     """The fitted tree as a model, every canonical point labelled as the working point nearest to it."""
     chain = fit.chain

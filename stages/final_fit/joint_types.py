@@ -1,0 +1,43 @@
+"""Joint types by evidence: what looked like sliding is tried as turning, joints refitted (A.4 decides by motions only).
+
+A thin part may spin about its length unseen; the rotations that a free fit gives it are then noise, and a hinge looks
+like a slide. Its centre tells better: it turns about the contact with the parent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from stages.final_fit.pruning import cost_of
+from stages.final_fit.working import Fit, Frames, contact_of
+from stages.kernels.articulation import Joint
+
+
+def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
+    """Each prismatic joint made a hinge at its contact where that leaves less of the frames."""
+    cost = cost_of(fit, frames)
+    for index in np.flatnonzero(~fit.chain.revolute).tolist():
+        joint = fit.chain.joint(index)
+        p_parent, p_child = (frames.p[fit.labels == part] for part in (joint.parent, joint.child))
+        if len(p_parent) == 0 or len(p_child) == 0:
+            continue
+        hinge = hinge_at(contact_of(p_parent, p_child), p_child.mean(axis=0), joint)
+        joints = [hinge if other == index else fit.chain.joint(other) for other in range(len(fit.chain.child))]
+        trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
+        if (there := cost_of(trial, frames)) < cost:
+            fit, cost = trial, there
+    return fit
+
+
+def hinge_at(p_contact: Float64[np.ndarray, "3"], p_centre: Float64[np.ndarray, "3"], slide: Joint) -> Joint:
+    """The hinge through a point whose child's centre turns nearest to where a prismatic joint takes it."""
+    arm = p_centre - p_contact
+    moved = arm + slide.states[:, None] * slide.axis
+    axis = np.cross(arm, slide.axis)
+    axis /= max(float(np.linalg.norm(axis)), 1e-12)
+    across = np.cross(axis, arm)
+    angles = np.arctan2(moved @ across, moved @ arm)
+    return replace(slide, revolute=True, axis=axis, point=p_contact, states=angles)
