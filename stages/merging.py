@@ -22,12 +22,14 @@ CONTACT = 5  # parts touch where at least so many pairs of neighbouring points c
 def merge(
     model: KinematicModel, sequence: PointSequence, config: MergingConfig, projection: ProjectionConfig
 ) -> KinematicModel:
-    """Merge parts that are linked or touch, nearest in space first, until every E_merge >= the threshold.
+    """Merge parts that are linked or touch, nearest in space first, until every E_merge >= the threshold; none at zero.
 
     A tree links each part to few others, so pieces of one body may hang on different neighbours: touching
     parts are looked at too. A merged part moves by the one rigid motion that best agrees with both; the
     tree is then found anew.
     """
+    if config.threshold == 0:
+        return model
     p_canonical = sequence.frames()[model.canonical_frame]
     T_points = torch.from_numpy(model.Ts_frame_canonical[:, model.labels])
     trajectories = se3.transform(T_points, torch.from_numpy(p_canonical)[:, None])[..., 0, :].numpy()

@@ -21,6 +21,7 @@ LEAST_SPECK = 0.02  # share of a part's points below which a piece apart from th
 CONTACT = 1.5  # points of a part this much farther than the nearest from its parent are its contact
 NEIGHBOURS = 8
 COACD_TRIANGLES = 600
+MOST_POINTS = 150_000  # that a whole description is made of; every so manyth of more
 
 
 def fuse(
@@ -41,7 +42,9 @@ def fuse(
         here, close = result.labels[index], distance <= reach
         clouds.append(move_points(np.linalg.inv(Ts)[here[close]], frame[close]))
         labels.append(here[close])
-    return np.concatenate(clouds), np.concatenate(labels)
+    fused = np.concatenate(clouds)
+    thinned = slice(None, None, -(-len(fused) // MOST_POINTS))
+    return fused[thinned], np.concatenate(labels)[thinned]
 
 
 def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kept 3"]:
