@@ -52,7 +52,7 @@ def fit(
 
     - `reart fit scans/lamp --out models/lamp --units metre`
 
-    - `reart fit lamp.npz --out models/lamp --set relaxed_fit.gumbel.iterations=2000`
+    - `reart fit lamp.npz --out models/lamp --set final_fit.part_price=20`
     """
     unit = [f"ingest.units={units}"] if units else []
     config = dataset_config(DATASET, preset, [*unit, *settings, "ingest.source=files"], seed)
