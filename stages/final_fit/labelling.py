@@ -74,9 +74,7 @@ class LabelProblem:
         return dearness
 
 
-def relabel(
-    fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, min_share: float, sweeps: int = 1
-) -> Fit:
+def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, min_share: float) -> Fit:
     """Every point with its own part or one that touches or is linked to it; no part is left without points.
 
     A part that is part of the tree holds at least `min_share` of the points: where cuts leave it fewer, because its
@@ -96,9 +94,8 @@ def relabel(
     least = min_share * len(p)
     for unseen in np.setdiff1d(np.arange(fit.chain.parts), labels):
         labels = problem.grow(labels, int(unseen), least)
-    for _ in range(sweeps):
-        for part_ in range(fit.chain.parts):
-            labels = problem.expand(labels, part_)
+    for part_ in range(fit.chain.parts):
+        labels = problem.expand(labels, part_)
     for _ in range(3):  # what one part is given, another may have lost
         for part_ in range(fit.chain.parts):
             labels = problem.grow(labels, part_, least)

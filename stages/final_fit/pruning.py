@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Int64
 
@@ -51,17 +53,8 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
         parent, child = (into if end == part else end for end in (joint.parent, joint.child))
         joints.append(_numbered(_refitted(parent, child, labels, frames, Ts), number))
     T_frame_root = Ts[:, root] if chain.free_root else chain.T_frame_root
-    whole = Chain(int(number[root]), *_NO_JOINTS, chain.states[:0], T_frame_root, chain.free_root)
+    whole = replace(chain, root=int(number[root]), T_frame_root=T_frame_root)
     return Fit(whole.with_joints(joints), number[labels])
-
-
-_NO_JOINTS = (
-    np.zeros(0, dtype=np.int64),
-    np.zeros(0, dtype=np.int64),
-    np.zeros(0, dtype=bool),
-    np.zeros((0, 3)),
-    np.zeros((0, 3)),
-)
 
 
 def _refitted(parent: int, child: int, labels: Int64[np.ndarray, "points"], frames: Frames, Ts: np.ndarray) -> Joint:
@@ -73,11 +66,7 @@ def _refitted(parent: int, child: int, labels: Int64[np.ndarray, "points"], fram
 
 
 def _numbered(joint: Joint, number: Int64[np.ndarray, "parts"]) -> Joint:
-    return Joint(int(number[joint.parent]), int(number[joint.child]), *_motion(joint))
-
-
-def _motion(joint: Joint) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray]:
-    return joint.revolute, joint.axis, joint.point, joint.states
+    return replace(joint, parent=int(number[joint.parent]), child=int(number[joint.child]))
 
 
 def _neighbours(chain: Chain, part: int) -> list[int]:

@@ -15,7 +15,7 @@ from stages.kernels.articulation import Chain, fit_chain
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import Registration
 from stages.kernels.sampling import working_points
-from stages.kernels.screw import ScrewFit, fit_screw, nearest_point_to_origin
+from stages.kernels.screw import fit_screw, nearest_point_to_origin
 from stages.projection import part_samples
 
 JOINT_SAMPLES = 60  # points of a part at which hypotheses of its joint are judged
@@ -118,15 +118,17 @@ def joint_fits(
     turn, slide = fit_screw(T_parent_child, p, "revolute"), fit_screw(T_parent_child, p, "prismatic")
     revolute = (turn.residual <= slide.residual).numpy()
 
-    def pick(name: str, column: int | None = None) -> np.ndarray:
-        def values(fit: ScrewFit, own_column: int) -> np.ndarray:
-            array: np.ndarray = getattr(fit, name).numpy()
-            return array[..., own_column] if column is not None else array
+    def pick(turning: torch.Tensor, sliding: torch.Tensor) -> np.ndarray:
+        chosen = revolute.reshape(-1, *[1] * (turning.ndim - 1))
+        return np.where(chosen, turning.numpy(), sliding.numpy())
 
-        chosen = revolute.reshape(-1, *[1] * (values(turn, 0).ndim - 1))
-        return np.where(chosen, values(turn, 0), values(slide, 1))
-
-    return JointFits(revolute, pick("axis"), pick("point"), pick("states", 0), np.sqrt(pick("residual")))
+    return JointFits(
+        revolute=revolute,
+        axis=pick(turn.axis, slide.axis),
+        point=pick(turn.point, slide.point),
+        states=pick(turn.states[..., 0], slide.states[..., 1]),
+        residual=np.sqrt(pick(turn.residual, slide.residual)),
+    )
 
 
 def relative_motions(
