@@ -33,51 +33,44 @@ def insert_hidden_links(
     Where the root itself moves about one fixed axis, it is hung on a still base. New links have no points yet.
     """
     single = frames.refine(fit, iterations)
-    Ts_single = single.chain.Ts()
-    pairs = dict(link_candidates(fit, frames, Ts_single, Ts_free, EXCESS))
-    joints = {int(np.flatnonzero(fit.chain.child == child)[0]): pair for child, pair in pairs.items()}
-    chain = with_links(fit.chain, joints) if joints else single.chain
+    pairs = _explained_by_two(fit, frames, single.chain.Ts(), Ts_free)
+    chain = _with_links(fit.chain, pairs) if pairs else single.chain
     return Fit(_on_still_base(chain, fit.labels, frames), fit.labels)
 
 
-def link_candidates(
+def _explained_by_two(
     fit: Fit,
     frames: Frames,
     Ts: Float64[np.ndarray, "frames parts 4 4"],
     Ts_free: Float64[np.ndarray, "frames parts 4 4"],
-    least_excess: float,
-) -> list[tuple[int, ScrewPair]]:
-    """Parts whose points cost more than `least_excess` over their free motions when they move by `Ts`, and whose free
-    motion against their parent two joints explain, though one does not; the worst first."""
+) -> dict[int, ScrewPair]:
+    """Joints whose child's points cost clearly more by `Ts` than by their free motion, with the two joints in a row
+    that explain that motion where one does not."""
     excess = frames.point_costs(fit.labels, Ts) - frames.point_costs(fit.labels, Ts_free)
     excess_of = np.bincount(fit.labels, excess, minlength=fit.chain.parts)
-    parents = fit.chain.parents()
-    found = []
-    for child in np.argsort(-excess_of, kind="stable").tolist():
-        parent = int(parents[child])
-        if excess_of[child] <= least_excess:
-            break
-        if parent < 0 or not (fit.labels == parent).any():
+    motions = relative_motions(Ts_free, fit.chain.parent, fit.chain.child)
+    pairs = {}
+    for joint, (parent, child) in enumerate(zip(fit.chain.parent, fit.chain.child, strict=True)):
+        if excess_of[child] <= EXCESS or not (fit.labels == parent).any():
             continue
         p_child = frames.p[fit.labels == child]
         contact = contact_of(frames.p[fit.labels == parent], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
-        motion = relative_motions(Ts_free, np.array([parent]), np.array([child]))[0]
-        p = torch.from_numpy(p_child)
+        p, motion = torch.from_numpy(p_child), motions[joint]
         left = min(_rms(fit_screw(motion, p, "revolute")), _rms(fit_screw(motion, p, "prismatic")))
         if left <= TOLERATED * frames.noise:
             continue
         pair = fit_screw_pair(motion.numpy(), p_child, contact, frames.canonical_frame, frames.noise)
         if pair.residual < min(EXPLAINED * left, CLOSE * frames.noise):
-            found.append((child, pair))
-    return found
+            pairs[joint] = pair
+    return pairs
 
 
 def _rms(fit: ScrewFit) -> float:
     return float(fit.residual.sqrt())
 
 
-def with_links(chain: Chain, pairs: Mapping[int, ScrewPair]) -> Chain:
+def _with_links(chain: Chain, pairs: Mapping[int, ScrewPair]) -> Chain:
     """The chain with a further part inside each of some joints; new parts are numbered behind the others."""
     joints: list[Joint] = []
     links = chain.parts
