@@ -3,8 +3,8 @@
 Measured on zarr 3.1.6: a missing or half-written chunk reads silently as the fill value, and plain zstd
 accepts a flipped bit. So empty chunks are written too, chunks carry checksums, and every array has a
 digest of its values in the manifest. One chunk per frame, in one shard an array, is fastest; where there is
-but one chunk a shard only costs. Both ways go through memory, because zarr hands each file
-that it touches on disk to a thread, which takes longer than all else that it does with small arrays.
+but one chunk a shard only costs. Both ways go through memory: zarr hands each file that it touches on disk to
+a thread, and that takes longer than all else that it does with a small array.
 """
 
 from __future__ import annotations
@@ -68,10 +68,10 @@ def pack(arrays: Iterable[tuple[str, ArraySpec, np.ndarray]]) -> tuple[dict[str,
 def read_array(files: Mapping[str, bytes], entry: ArrayEntry) -> np.ndarray:
     """One array from its files, by their path in it. Raises ValueError where it is not as the array table says."""
     import zarr
-    from zarr.buffer.cpu import Buffer
+    from zarr.buffer import cpu
     from zarr.storage import MemoryStore
 
-    packed = {path: Buffer.from_bytes(content) for path, content in files.items()}
+    packed: dict[str, Buffer] = {path: cpu.Buffer.from_bytes(content) for path, content in files.items()}
     stored = zarr.open_array(MemoryStore(packed, read_only=True), mode="r", zarr_format=3)
     if (found := (stored.dtype.name, stored.shape)) != (entry.dtype, entry.shape):
         raise ValueError(f"found dtype and shape {found}, expected {(entry.dtype, entry.shape)}")
