@@ -9,21 +9,23 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import gc
 import importlib
 import multiprocessing
 import os
 import re
 import signal
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from pipeline import store
 from pipeline.isolated_luigi import luigi
+from pipeline.order import prioritise
 from pipeline.plan import plan
 from pipeline.plugins import check_plugins
-from pipeline.processes import die_with_parent, how_it_ended
+from pipeline.processes import die_with_forking_parent, die_with_parent, how_it_ended
 from pipeline.protocol import Event, Report, Request, write_to_pipe
-from pipeline.task import StageTask, upstream_first
+from pipeline.task import StageTask, package_versions, upstream_first
 from pipeline.tasks import IngestTask, final_tasks
 from schemas.errors import InputError
 
@@ -52,16 +54,42 @@ def run(request: Request, report: Report) -> None:
     """Bring every requested sequence as far as it goes. Raises InputError for a request that cannot be met."""
     store.sweep(request.workdir)
     jobs = plan(request, report)
-    for task in upstream_first(task for job in jobs for task in final_tasks(job)):
+    tasks = upstream_first(task for job in jobs for task in final_tasks(job))
+    for task in tasks:
         task.tell("planned", complete=task.complete())
+    prioritise([final_tasks(job) for job in jobs], request.workers)
     ingests = [IngestTask(job=job) for job in jobs]
-    build(ingests, request.workers)  # first of all, so that bad input is told at once
+    ingest(ingests, {task.stage for task in tasks if not task.complete()}, request.workers)
     tasks = upstream_first(task for ingest in ingests if ingest.complete() for task in final_tasks(ingest.job))
     pending = [task for task in tasks if not task.complete()]  # also one that is missing before complete ones
     if pending:
         preload({task.stage for task in pending})
         check_plugins(request.config)
         build(pending, request.workers)
+
+
+def ingest(tasks: Sequence[StageTask], pending: Collection[str], workers: int) -> None:
+    """Ingest, first of all, so that bad input is told at once; and preload the pending stages meanwhile.
+
+    Not so for a single sequence: it may be bad input, and then there is nothing to preload for.
+    """
+    if not pending:
+        return
+    preload(["ingest"])
+    if len(tasks) == 1:
+        build(tasks, workers)
+        return
+    ingesting = multiprocessing.Process(target=_build_beside, args=(tasks, workers))
+    ingesting.start()
+    preload(pending)
+    ingesting.join()
+    if ingesting.exitcode:
+        raise RuntimeError(f"ingest ended unexpectedly ({how_it_ended(ingesting.exitcode)})")
+
+
+def _build_beside(tasks: Sequence[StageTask], workers: int) -> None:
+    die_with_forking_parent()
+    build(tasks, workers)
 
 
 def build(tasks: Sequence[StageTask], workers: int) -> None:
@@ -76,14 +104,19 @@ def build(tasks: Sequence[StageTask], workers: int) -> None:
 
 
 def preload(stages: Iterable[str]) -> None:
-    """Import the pending stages once, so that workers, which are forked, need not: torch alone takes seconds.
+    """Import stages once, so that workers, which are forked, need not: torch alone takes seconds.
 
     Importing is all that may happen here. Numeric work in a process that forks leaves its children waiting
-    for threads that they do not have.
+    for threads that they do not have. What was imported stays, so no garbage collection looks at it, neither
+    meanwhile nor in a worker, which would come to copy it all.
     """
+    gc.disable()
     for module in ("zarr", *(f"stages.{stage}" for stage in stages)):
         with contextlib.suppress(Exception):  # the worker meets the same error, and reports it as the stage's
             importlib.import_module(module)
+    package_versions()
+    gc.freeze()
+    gc.enable()
 
 
 @StageTask.event_handler(luigi.Event.PROCESS_FAILURE)

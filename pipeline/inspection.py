@@ -40,12 +40,13 @@ def inspect(directory: Path) -> Inspection:
         manifest = store.read_manifest(directory)
     except store.CorruptArtifactError as error:
         return Inspection(path=directory, manifest=None, arrays=(), energies={}, problems=(error.what,))
-    problems = list(store.file_problems(directory, manifest))
+    contents = store.read_contents(directory)
+    problems = list(store.file_problems(contents, manifest))
     arrays: dict[str, np.ndarray] = {}
     reports = []
     for entry in manifest.arrays:
         try:
-            arrays[entry.name] = store.read_entry(directory, entry)
+            arrays[entry.name] = store.read_entry(directory, entry, contents)
             reports.append(describe(entry, arrays[entry.name]))
         except store.CorruptArtifactError as error:
             problems.append(error.what)

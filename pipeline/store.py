@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from pipeline.arrays import AnyArtifact, arrays_of, assemble, open_arrays, payload_of, read_array, write_arrays
+from pipeline.arrays import AnyArtifact, arrays_of, assemble, pack, payload_of, read_array
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
 from schemas.manifest import ArrayEntry, Manifest, Provenance
@@ -63,9 +63,10 @@ def publish(
     Where another process has completed it meanwhile, theirs is kept: the same key means the same content.
     Only an artifact completed at the time `replaces` gives way, and is not touched before that moment.
     """
+    packed, entries = pack(arrays_of(artifact))
+    contents = {f"{ARRAYS}/{name}": content for name, content in packed.items()} | dict(files or {})
     with _staging(directory) as staged:
-        entries = write_arrays(staged / ARRAYS, arrays_of(artifact))
-        for name, bytes_ in (files or {}).items():
+        for name, bytes_ in contents.items():
             (staged / name).parent.mkdir(parents=True, exist_ok=True)
             (staged / name).write_bytes(bytes_)
         content = {
@@ -73,7 +74,7 @@ def publish(
             "schema_version": 1,
             "arrays": [entry.model_dump(mode="json") for entry in entries],
             "payload": payload_of(artifact),
-            "files": file_digests(staged),
+            "files": {name: _digest(contents[name]) for name in sorted(contents)},
         }
         manifest = Manifest.model_validate(content | {"digest": _content_digest(content)})
         (staged / MANIFEST).write_text(json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")
@@ -84,9 +85,10 @@ def publish(
 def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
     """Read and check an artifact. Raises CorruptArtifactError for anything that is not as it was written."""
     manifest = read_manifest(directory)
-    if problem := next(file_problems(directory, manifest), None):
+    contents = read_contents(directory)
+    if problem := next(file_problems(contents, manifest), None):
         raise CorruptArtifactError(directory, problem)
-    arrays = {entry.name: read_entry(directory, entry) for entry in manifest.arrays}
+    arrays = {entry.name: read_entry(directory, entry, contents) for entry in manifest.arrays}
     try:
         return assemble(schema, manifest.payload, arrays)
     except (ValidationError, KeyError) as error:
@@ -113,18 +115,26 @@ def read_manifest(directory: Path) -> Manifest:
     return manifest
 
 
-def read_entry(directory: Path, entry: ArrayEntry) -> np.ndarray:
-    """One array of an artifact, checked against the array table. Raises CorruptArtifactError."""
+def read_contents(directory: Path) -> dict[str, bytes]:
+    """Every file of an artifact but the manifest, by its path inside the directory."""
+    files = sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / MANIFEST)
+    return {path.relative_to(directory).as_posix(): path.read_bytes() for path in files}
+
+
+def read_entry(directory: Path, entry: ArrayEntry, contents: Mapping[str, bytes]) -> np.ndarray:
+    """One array of an artifact of these contents, checked. Raises CorruptArtifactError."""
+    within = f"{ARRAYS}/{entry.name}/"
+    files = {name.removeprefix(within): content for name, content in contents.items() if name.startswith(within)}
     try:
-        return read_array(open_arrays(directory / ARRAYS), entry)
+        return read_array(files, entry)
     except Exception as error:  # zarr and its codecs raise whatever a broken file makes them stumble over
         what = " ".join(f"{error}".split()) or type(error).__name__
         raise CorruptArtifactError(directory, f"{ARRAYS}/{entry.name}: {what}") from error
 
 
-def file_problems(directory: Path, manifest: Manifest) -> Iterator[str]:
+def file_problems(contents: Mapping[str, bytes], manifest: Manifest) -> Iterator[str]:
     """What is wrong with the files of an artifact, one line a file."""
-    found = file_digests(directory)
+    found = {name: _digest(content) for name, content in contents.items()}
     for name in sorted(found.keys() | manifest.files.keys()):
         if name not in found:
             yield f"{name}: missing"
@@ -132,14 +142,6 @@ def file_problems(directory: Path, manifest: Manifest) -> Iterator[str]:
             yield f"{name}: not part of what was written"
         elif found[name] != manifest.files[name]:
             yield f"{name}: its bytes were changed (its digest differs)"
-
-
-def file_digests(directory: Path) -> dict[str, str]:
-    """SHA-256 of every file but the manifest, by its path inside the directory."""
-    return {
-        path.relative_to(directory).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in _files(directory)
-    }
 
 
 def sweep(workdir: Path) -> None:
@@ -208,12 +210,12 @@ def _beside(directory: Path, prefix: str) -> Path:
     return directory.with_name(f"{prefix}{directory.name}-{uuid.uuid4().hex[:8]}")
 
 
-def _files(directory: Path) -> list[Path]:
-    return sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / MANIFEST)
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _content_digest(content: Mapping[str, object]) -> str:
-    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+    return _digest(canonical_json(content).encode())
 
 
 @contextlib.contextmanager

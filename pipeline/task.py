@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -34,7 +34,7 @@ PROGRESS_INTERVAL = 0.2  # seconds
 PACKAGES = ("rearticulate", "numpy", "scipy", "torch", "open3d-cpu", "open3d", "networkx", "pykdtree", "zarr", "luigi")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)  # Luigi takes the repr of all arguments whenever a task is made
 class Job:
     """One sequence to be processed: what all its tasks share."""
 
@@ -218,10 +218,15 @@ class StageTask(luigi.Task):
 def upstream_first(tasks: Iterable[StageTask]) -> list[StageTask]:
     """The tasks and all that they need, each once, after what it needs itself."""
     ordered: dict[StageTask, None] = {}
+
+    def add(task: StageTask) -> None:
+        if task not in ordered:
+            for needed in task.requires().values():
+                add(needed)
+            ordered[task] = None
+
     for task in tasks:
-        for needed in upstream_first(task.requires().values()):
-            ordered.setdefault(needed)
-        ordered.setdefault(task)
+        add(task)
     return list(ordered)
 
 
@@ -230,8 +235,9 @@ def _one_line(error: BaseException) -> str:
     return text if isinstance(error, InputError | store.CorruptArtifactError) else f"{type(error).__name__}: {text}"
 
 
+@cache
 def package_versions() -> dict[str, str]:
-    """The versions of Python and of the packages that matter."""
+    """The versions of Python and of the packages that matter. They are looked up once: that reads many files."""
     versions = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

@@ -8,16 +8,22 @@ import pytest
 
 from pipeline.processes import ONE_THREAD
 
-PROGRAM = textwrap.dedent(
+TINY = textwrap.dedent(
     """
     import importlib.util, json, multiprocessing, os, signal, sys
     from pathlib import Path
     spec = importlib.util.spec_from_file_location("tiny", sys.argv[1])
     tiny = sys.modules["tiny"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tiny)
-    from pipeline.engine import build
+    from pipeline.engine import build, ingest
     multiprocessing.set_start_method("fork")
+    pipeline = tiny.TinyPipeline(Path(sys.argv[2]), [])
+    sources = [tiny.NumberSource("a"), tiny.NumberSource("b", refuses="load"), tiny.NumberSource("c")]
+    """
+)
 
+PROGRAM = TINY + textwrap.dedent(
+    """
     class KilledTask(tiny.MiddleTask):
         stage = "flow"
         def compute(self, inputs, rng, progress):
@@ -28,8 +34,6 @@ PROGRAM = textwrap.dedent(
         def requires(self):
             return {"killed": KilledTask(job=self.job, candidate=0)}
 
-    pipeline = tiny.TinyPipeline(Path(sys.argv[2]), [])
-    sources = [tiny.NumberSource("a"), tiny.NumberSource("b", refuses="load"), tiny.NumberSource("c")]
     tasks = [tiny.LastTask(job=pipeline.job(source=source)) for source in sources]
     if "killed" in sys.argv:
         tasks.append(AfterTask(job=pipeline.job(source=sources[0])))
@@ -38,17 +42,33 @@ PROGRAM = textwrap.dedent(
     """
 )
 
+INGEST = TINY + textwrap.dedent(
+    """
+    class EndsItsParentTask(tiny.FirstTask):
+        def compute(self, inputs, rng, progress):
+            os.kill(os.getppid(), signal.SIGKILL)
 
-def run(workdir, workers, *words, cwd=None):
+    kind = EndsItsParentTask if "killed" in sys.argv else tiny.FirstTask
+    ingest([kind(job=pipeline.job(source=source)) for source in sources], ["result"], 2)
+    print(json.dumps({"preloaded": "stages.result" in sys.modules, "threads": len(os.listdir("/proc/self/task"))}))
+    """
+)
+
+
+def start(program, workdir, *words, cwd=None):
     conftest = Path(__file__).with_name("conftest.py")
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(conftest), str(workdir), str(workers), *words],
-        check=True,
+    return subprocess.run(
+        [sys.executable, "-c", program, str(conftest), str(workdir), *words],
         capture_output=True,
         text=True,
         timeout=60,
         cwd=cwd,
     )
+
+
+def run(workdir, workers, *words, cwd=None):
+    done = start(PROGRAM, workdir, str(workers), *words, cwd=cwd)
+    assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)["failed"]
 
 
@@ -92,6 +112,23 @@ def test_the_number_of_workers_changes_no_value(finished, tmp_path):
     workdir, _ = finished
     run(tmp_path, 1)
     assert values(tmp_path) == values(workdir)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
+def test_many_sequences_are_ingested_while_the_rest_is_preloaded(tmp_path):
+    done = start(INGEST, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"preloaded": True, "threads": 1}
+    assert complete(tmp_path) == {("a", "ingest"), ("c", "ingest")}
+    assert [path.parent.name for path in tmp_path.glob("scans/*/ingest-*.failed.json")] == ["b"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a worker ends with its parent on Linux only")
+def test_an_ingest_that_is_killed_ends_the_engine(tmp_path):
+    done = start(INGEST, tmp_path, "killed")
+    assert done.returncode == 1
+    assert "ingest ended unexpectedly (killed by SIGKILL)" in done.stderr
+    assert not complete(tmp_path)
 
 
 def test_the_engine_still_has_a_single_thread_when_it_forks():
