@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from pykdtree.kdtree import KDTree
+from sklearn.metrics import adjusted_rand_score, rand_score
 
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
 from stages.kernels.matching import match_parts
-from stages.kernels.rand_index import adjusted_rand_index, rand_index
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
 from stages.rearticulation import rearticulate
 
@@ -50,8 +50,8 @@ def evaluate(
     type_right = [joint.predicted_type == joint.true_type for joint in joints if joint.predicted_type is not None]
     return metrics.replace(
         parts_true=len(truth.parent),
-        ari=adjusted_rand_index(labels_true, model.labels),
-        ri=rand_index(labels_true, model.labels),
+        ari=float(adjusted_rand_score(labels_true, model.labels)),
+        ri=float(rand_score(labels_true, model.labels)),
         tree_edit_distance=_tree_edit_distance(model, truth),
         recon=recon * sequence.scale,
         recon_percent=100 * recon,
