@@ -24,6 +24,8 @@ Score = SequenceScore | GroupScore
 
 QUALITY = (
     "ari",
+    "told_share",
+    "ari_told",
     "ri",
     "tree_edit_distance",
     "recon_cm",
@@ -45,7 +47,10 @@ JOINTS_AND_COST = (
     "peak_memory_mib",
 )
 COMPARED = {
-    "Parts and motion": ("parts_off", *(name for name in QUALITY if not name.endswith("_cm"))),
+    "Parts and motion": (
+        "parts_off",
+        *(name for name in QUALITY if MEASURES[name].better and not name.endswith("_cm")),
+    ),
     "Joints and cost": ("joints_found", *JOINTS_AND_COST),
 }
 MARKS = {"better": "▲", "worse": "▼", "same": "="}

@@ -190,6 +190,9 @@ class EvaluationConfig(Schema):
     """A.9."""
 
     reanimation_iterations: int = Field(default=200, ge=1)
+    told_points: int = Field(
+        default=4096, ge=16, description="points per frame at which is asked whether the motion tells their part"
+    )
 
 
 class ExportConfig(Schema):

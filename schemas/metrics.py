@@ -42,6 +42,11 @@ class Metrics(Artifact):
     parts_true: int | None = None
     ari: float | None = None
     ri: float | None = None
+    told_share: float | None = Field(
+        default=None, description="share of the points that no part but their own can move as the frames show them"
+    )
+    ari_told: float | None = Field(default=None, description="ARI over those points alone")
+    untold_parts: tuple[str, ...] = Field(default=(), description="true parts of which hardly a point is told")
     tree_edit_distance: int | None = None
     recon: float | None = None
     recon_percent: float | None = None

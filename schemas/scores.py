@@ -39,6 +39,12 @@ class Figures(Schema):
         default=None, description="|found - true|"
     )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
+    told_share: Annotated[float | None, Measure("told")] = Field(
+        default=None, description="share of the points whose part the motion tells"
+    )
+    ari_told: Annotated[float | None, Measure("ARI told", better="higher")] = Field(
+        default=None, description="over the points whose part the motion tells"
+    )
     ri: Annotated[float | None, Measure("RI", better="higher")] = None
     tree_edit_distance: Annotated[float | None, Measure("TED", decimals=1, better="lower")] = None
     recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None

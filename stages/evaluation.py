@@ -11,10 +11,13 @@ from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
+from stages.identifiability import tellable_points
 from stages.kernels.matching import match_parts
+from stages.kernels.sampling import working_points
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
 from stages.rearticulation import rearticulate
 
+TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
 UNITS_PER_METRE: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 100.0, "millimetre": 1000.0}
 
 
@@ -39,8 +42,10 @@ def evaluate(
     )
     if truth is None:
         return metrics
-    labels_true = np.split(truth.labels, np.cumsum(sequence.point_counts)[:-1])[model.canonical_frame]
-    p_true = _moved(_since_canonical(truth.Ts_frame_first, truth, model), labels_true, p_canonical)
+    labels_of_frames = np.split(truth.labels, np.cumsum(sequence.point_counts)[:-1])
+    labels_true = labels_of_frames[model.canonical_frame]
+    Ts_true = _since_canonical(truth.Ts_frame_first, truth, model)
+    p_true = _moved(Ts_true, labels_true, p_canonical)
     recon = _mean_distance(p_predicted, p_true)
     flow_error = np.linalg.norm(np.diff(p_predicted, axis=0) - np.diff(p_true, axis=0), axis=-1)
     flow_length = np.linalg.norm(np.diff(p_true, axis=0), axis=-1)
@@ -48,10 +53,21 @@ def evaluate(
     reanimation = reanimation_error(model, truth, labels_true, p_canonical, config.reanimation_iterations, rng)
     joints = joint_errors(model, truth, labels_true)
     type_right = [joint.predicted_type == joint.true_type for joint in joints if joint.predicted_type is not None]
+    looked_at = [working_points(frame, config.told_points) for frame in frames]
+    told = tellable_points(
+        [frame[index] for frame, index in zip(frames, looked_at, strict=True)],
+        [labels[index] for labels, index in zip(labels_of_frames, looked_at, strict=True)],
+        Ts_true,
+        model.canonical_frame,
+    )
+    index_told = looked_at[model.canonical_frame][told]
     return metrics.replace(
         parts_true=len(truth.parent),
         ari=float(adjusted_rand_score(labels_true, model.labels)),
         ri=float(rand_score(labels_true, model.labels)),
+        told_share=float(told.mean()),
+        ari_told=float(adjusted_rand_score(labels_true[index_told], model.labels[index_told])),
+        untold_parts=_untold_parts(truth, labels_true[looked_at[model.canonical_frame]], told),
         tree_edit_distance=_tree_edit_distance(model, truth),
         recon=recon * sequence.scale,
         recon_percent=100 * recon,
@@ -65,6 +81,15 @@ def evaluate(
         joints=joints,
         verdicts=joint_verdicts(model, truth, labels_true),
     )
+
+
+def _untold_parts(
+    truth: GroundTruth, labels_true: Int64[np.ndarray, "points"], told: Bool[np.ndarray, "points"]
+) -> tuple[str, ...]:
+    """The names of true parts of whose points the motion tells fewer than `TOLD`."""
+    count = len(truth.parent)
+    points, points_told = np.bincount(labels_true, minlength=count), np.bincount(labels_true[told], minlength=count)
+    return tuple(truth.part_names[part] for part in np.flatnonzero(points_told < TOLD * points))
 
 
 def chamfer_distance(

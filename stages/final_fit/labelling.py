@@ -5,20 +5,21 @@ Fused clouds show creases and gaps that one frame's sampling hides, and every po
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from stages.final_fit.working import Fit, Frames
-from stages.kernels.evidence import motion_cost
+from stages.kernels.evidence import gross_cost, motion_cost
 from stages.kernels.graph_cut import expansion_move
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import move_points
 from stages.kernels.surface_graph import smoothness_weights, surface_graph
 
 NEIGHBOURS = 8
+FIRST_LOOK = 3  # frames in which a part is seen to be out of the question
 RULED_OUT = 4.0  # a part whose motion suits a point so much worse than the best one's is not asked
 BONUSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 4.0)
 
@@ -83,13 +84,16 @@ def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, 
     Ts = fit.chain.Ts()
     p, labels = fuse(fit, frames, fused_frames)
     graph = surface_graph(p, NEIGHBOURS)
-    may = _candidates(fit, labels, graph.crossings(labels)[0])
-    point, part = np.nonzero(may[labels])
-    costs = np.full((len(p), fit.chain.parts), np.inf)
-    costs[point, part] = motion_cost(frames.registration, p, point, part, Ts)
-    ruled_out = costs > costs.min(axis=1, keepdims=True) + RULED_OUT
-    ruled_out[np.arange(len(p)), labels] = False
-    costs[ruled_out] = np.inf
+    may = _candidates(fit, labels, graph.crossings(labels)[0])[labels]
+    looked_at = list(_spread(frames, FIRST_LOOK))
+
+    def gross(point: np.ndarray, part: np.ndarray) -> np.ndarray:
+        return gross_cost(frames.registration, p, point, part, Ts, looked_at)
+
+    def exact(point: np.ndarray, part: np.ndarray) -> np.ndarray:
+        return motion_cost(frames.registration, p, point, part, Ts)
+
+    costs = _among(np.isfinite(_among(may, labels, gross)), labels, exact)
     problem = LabelProblem(costs, graph.edges, boundary_price * smoothness_weights(p, graph))
     least = min_share * len(p)
     for unseen in np.setdiff1d(np.arange(fit.chain.parts), labels):
@@ -100,6 +104,22 @@ def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, 
         for part_ in range(fit.chain.parts):
             labels = problem.grow(labels, part_, least)
     return Fit(fit.chain, problem.with_every_part(labels, len(frames.p)))
+
+
+def _among(
+    may: Bool[np.ndarray, "points parts"],
+    labels: Int64[np.ndarray, "points"],
+    cost: Callable[[Int64[np.ndarray, "entries"], Int64[np.ndarray, "entries"]], Float64[np.ndarray, "entries"]],
+) -> Float64[np.ndarray, "points parts"]:
+    """What each point costs with the parts that it may belong to; infinite where it may not, or where another part
+    suits it so much better that this one is ruled out. Its own part never is."""
+    costs = np.full(may.shape, np.inf)
+    point, part = np.nonzero(may)
+    costs[point, part] = cost(point, part)
+    ruled_out = costs > costs.min(axis=1, keepdims=True) + RULED_OUT
+    ruled_out[np.arange(len(labels)), labels] = False
+    costs[ruled_out] = np.inf
+    return costs
 
 
 def fuse(fit: Fit, frames: Frames, count: int) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from stages.kernels.nearest import nearest
 from stages.kernels.registration import Registration, move_points
 
 NEAREST = 3  # points of a frame that stand for its surface near a moved point
@@ -31,6 +34,25 @@ def motion_cost(
     chunks = [slice(start, start + CHUNK) for start in range(0, len(point), CHUNK)]
     costs = [_cost(registration, p[point[chunk]], part[chunk], Ts) for chunk in chunks]
     return np.concatenate(costs) if costs else np.zeros(0)
+
+
+def gross_cost(
+    registration: Registration,
+    p: Float64[np.ndarray, "points 3"],
+    point: Int64[np.ndarray, "entries"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    frames: Sequence[int],
+) -> Float64[np.ndarray, "entries"]:
+    """The share of `motion_cost` that is due to distances from moved points alone, averaged over some of the frames.
+
+    What is far from every surface in a few frames needs no closer look.
+    """
+    total = np.zeros(len(point))
+    for t in frames:
+        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.noise
+        total += np.minimum(0.5 * distance**2, TRUNCATION)
+    return total / len(frames)
 
 
 def _cost(

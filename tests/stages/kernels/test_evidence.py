@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from stages.kernels import evidence, se3
-from stages.kernels.evidence import TRUNCATION, motion_cost
+from stages.kernels.evidence import TRUNCATION, gross_cost, motion_cost
 from stages.kernels.registration import Registration
 
 EVERY = np.arange(400)
@@ -96,3 +96,14 @@ def test_frames_of_a_point_or_two_are_seen_too():
     Ts = np.tile(np.eye(4), (3, 1, 1, 1))
     costs = motion_cost(registration, registration.p, np.arange(40), np.zeros(40, dtype=np.int64), Ts)
     assert np.isfinite(costs).all()
+
+
+def test_gross_cost_is_part_of_what_a_motion_costs_and_tells_a_motion_that_is_far_off(hinge):
+    registration = Registration(hinge.sequence.frames(), 2)
+    Ts = hinge.Ts_frame_canonical.copy()
+    true = gross_cost(registration, registration.p, EVERY, hinge.canonical_labels, Ts, registration.others)
+    assert np.all(true <= motion_cost(registration, registration.p, EVERY, hinge.canonical_labels, Ts) + 1e-9)
+    Ts[[0, 4], :, 2, 3] += 50.0
+    seen = [gross_cost(registration, registration.p, EVERY, hinge.canonical_labels, Ts, some) for some in ([0, 4], [1])]
+    assert np.all(seen[0] == TRUNCATION)
+    assert seen[1].mean() < 1.0
