@@ -47,4 +47,4 @@ def tellable_points(
             squares[part] += np.minimum(distance / noise, FAR) ** 2
     borne_out = np.sqrt(squares / len(frames)) < ON_SURFACE
     borne_out[own, np.arange(len(p))] = False
-    return ~borne_out.any(axis=0)
+    return np.asarray(~borne_out.any(axis=0))
