@@ -114,7 +114,7 @@ class MergingTask(CandidateTask):
 
 
 class FinalFitTask(CandidateTask):
-    stage, version, schema = "final_fit", 3, KinematicModel
+    stage, version, schema = "final_fit", 4, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job

@@ -172,7 +172,9 @@ class FinalFitConfig(Schema):
     hidden_links: bool = Field(
         default=True, description="insert links that the motion needs though no point tells them apart"
     )
+    link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
     relabel: bool = Field(default=True, description="improve labels and parts too, not only joints")
+    rounds: int = Field(default=3, ge=1, description="most rounds of labels and joints in turn, at the end")
     fused_frames: int = Field(default=10, ge=1, description="frames whose points are labelled together")
     boundary_price: float = Field(default=4.0, ge=0, description="price of a surface edge between two parts")
     min_part_share: float = Field(

@@ -20,6 +20,7 @@ from stages.kernels import se3
 from stages.progress import Progress, silent
 
 STEPS = 4
+SETTLED = 0.003  # share of labels that change in a round, below which a fit has settled
 
 
 def fit_final(
@@ -40,16 +41,16 @@ def fit_final(
     labels = model.labels[frames.index]
     fit = Fit(to_chain(model, frames, config.still_root), labels)
     if config.hidden_links:
-        fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, config.iterations)
+        fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, config.link_price)
     fit = try_hinges(frames.refine(fit, config.iterations), frames, config.iterations)
     progress(1, STEPS)
     if config.relabel:
-        fit = frames.refine(_relabelled(fit, frames, config, (config.fused_frames + 1) // 2), config.iterations)
+        fit = _settled(fit, frames, config, 2, (config.fused_frames + 1) // 2)
         progress(2, STEPS)
         if config.part_price > 0:
             fit = frames.refine(prune(fit, frames, config.part_price, config.prune_iterations), config.iterations)
         progress(3, STEPS)
-        fit = _relabelled(fit, frames, config, config.fused_frames)
+        fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
     fit = frames.refine(fit, config.last_iterations)
     confidence = joint_confidence(fit, frames, config.part_price)
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
@@ -63,8 +64,15 @@ def fit_energy(fit: Fit, frames: Frames, part_price: float) -> float:
     return (cost_of(fit, frames) + part_price * fit.chain.parts) / len(fit.labels)
 
 
-def _relabelled(fit: Fit, frames: Frames, config: FinalFitConfig, fused_frames: int) -> Fit:
-    return relabel(fit, frames, fused_frames, config.boundary_price, config.min_part_share)
+def _settled(fit: Fit, frames: Frames, config: FinalFitConfig, rounds: int, fused_frames: int) -> Fit:
+    """Labels and joints improved in turn, until hardly a label changes."""
+    for _ in range(rounds):
+        relabelled = relabel(fit, frames, fused_frames, config.boundary_price, config.min_part_share)
+        changed = np.mean(relabelled.labels != fit.labels)
+        fit = frames.refine(relabelled, config.iterations)
+        if changed < SETTLED:
+            break
+    return fit
 
 
 def reconstruction_energies(

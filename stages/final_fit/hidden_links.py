@@ -6,83 +6,131 @@ fit its neighbour's motion as well. Without it two parts that it links have two 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of, relative_motions
-from stages.kernels.articulation import Chain, Joint
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
+from stages.kernels.articulation import Chain, Joint, fit_chain
+from stages.kernels.motion_model import MotionModel
 from stages.kernels.sampling import farthest_points
 from stages.kernels.screw import ScrewFit, fit_screw
 from stages.kernels.screw_pair import ScrewPair, fit_screw_pair
 
-TOLERATED = 0.5  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
-EXPLAINED, CLOSE = 0.35, 0.5  # two joints leave at most this share of it, and at most so many spacings
-EXCESS = 12.0  # what one joint must cost a part's points in all, over its free motion
+TOLERATED = 0.25  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
+EXPLAINED = 0.6  # two joints leave at most this share of it
+ROUNDS = 6  # in which links are inserted: a joint of three degrees of freedom needs two
+PAIR_STEPS = 6  # Levenberg-Marquardt steps on each start of such a pair
+TRIAL, SETTLE = 10, 40  # Levenberg-Marquardt steps on the motion model, to judge a chain and to fit it
 STILL_BASE = 0.3  # RMS, in spacings, that one joint may leave of the root's motion
+KINDS: tuple[Literal["revolute", "prismatic"], ...] = ("revolute", "prismatic")
+Link = tuple[int, int]  # a joint's parent and child
 
 
 def insert_hidden_links(
-    fit: Fit, frames: Frames, Ts_free: Float64[np.ndarray, "frames parts 4 4"], iterations: int
+    fit: Fit, frames: Frames, Ts_free: Float64[np.ndarray, "frames parts 4 4"], link_price: float
 ) -> Fit:
-    """A link of its own in every joint where one degree of freedom does not explain the free motions, and two do.
+    """The tree fitted to the free motions, with further links within joints where each lowers the points' costs by more
+    than `link_price`, the greatest gain first.
 
     Where the root itself moves about one fixed axis, it is hung on a still base. New links have no points yet.
     """
-    single = frames.refine(fit, iterations)
-    pairs = _explained_by_two(fit, frames, single.chain.Ts(), Ts_free)
-    chain = _with_links(fit.chain, pairs) if pairs else single.chain
-    return Fit(_on_still_base(chain, fit.labels, frames), fit.labels)
+    trials = _Trials(fit.labels, frames, Ts_free)
+    chain = trials.fit(fit.chain, SETTLE)
+    cost = trials.cost(chain)
+    for _ in range(ROUNDS):
+        longer = {link: trials.inserted(chain, link) for link in _links(chain)}
+        gains = {link: cost - trials.cost(trial) for link, trial in longer.items() if trial is not None}
+        before = chain
+        for link in sorted(gains, key=lambda link: -gains[link]):
+            trial = trials.inserted(chain, link) if gains[link] > link_price else None
+            if trial is not None and (there := trials.cost(trial)) < cost - link_price:
+                chain, cost = trial, there
+        if chain is before:
+            break
+    return Fit(_on_still_base(trials.fit(chain, SETTLE), fit.labels, frames), fit.labels)
 
 
-def _explained_by_two(
-    fit: Fit,
-    frames: Frames,
-    Ts: Float64[np.ndarray, "frames parts 4 4"],
-    Ts_free: Float64[np.ndarray, "frames parts 4 4"],
-) -> dict[int, ScrewPair]:
-    """Joints whose child's points cost clearly more by `Ts` than by their free motion, with the two joints in a row
-    that explain that motion where one does not."""
-    excess = frames.point_costs(fit.labels, Ts) - frames.point_costs(fit.labels, Ts_free)
-    excess_of = np.bincount(fit.labels, excess, minlength=fit.chain.parts)
-    motions = relative_motions(Ts_free, fit.chain.parent, fit.chain.child)
-    pairs = {}
-    for joint, (parent, child) in enumerate(zip(fit.chain.parent, fit.chain.child, strict=True)):
-        if excess_of[child] <= EXCESS or not (fit.labels == parent).any():
-            continue
-        p_child = frames.p[fit.labels == child]
-        contact = contact_of(frames.p[fit.labels == parent], p_child)
+@dataclass(frozen=True)
+class _Trials:
+    """Chains judged by what the frames say of the free motions, and the pairs of joints that may stand for one."""
+
+    labels: Int64[np.ndarray, "points"]
+    frames: Frames
+    Ts_free: Float64[np.ndarray, "frames parts 4 4"]
+    pairs: dict[Link, ScrewPair | None] = field(default_factory=dict)  # between parts that both have points
+
+    @cached_property
+    def model(self) -> MotionModel:
+        equations = self.frames.registration.linearise(self.labels, self.Ts_free, self.frames.reach)
+        return MotionModel(equations, self.Ts_free, self.frames.noise)
+
+    def cost(self, chain: Chain) -> float:
+        return self.model(chain.Ts()).cost
+
+    def fit(self, chain: Chain, iterations: int) -> Chain:
+        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
+
+    def inserted(self, chain: Chain, link: Link) -> Chain | None:
+        """The chain, fitted, with a further link within one of its joints; None where that joint needs none."""
+        joint = _links(chain).get(link)
+        pair = None if joint is None else self.pair(chain, *link)
+        return None if joint is None or pair is None else self.fit(_with_link(chain, joint, pair), TRIAL)
+
+    def pair(self, chain: Chain, parent: int, child: int) -> ScrewPair | None:
+        """Two joints in a row that explain the child's motion against its parent, where one does not."""
+        seen = _seen_above(chain, self.labels, parent)
+        if seen is None or not (self.labels == child).any():
+            return None
+        if seen != parent:  # the parent's motion is the chain's, which changes
+            return self._pair(chain.Ts()[:, parent], seen, child)
+        if (parent, child) not in self.pairs:
+            self.pairs[parent, child] = self._pair(self.Ts_free[:, parent], seen, child)
+        return self.pairs[parent, child]
+
+    def _pair(self, T_frame_parent: Float64[np.ndarray, "frames 4 4"], seen: int, child: int) -> ScrewPair | None:
+        frames = self.frames
+        p_child = frames.p[self.labels == child]
+        contact = contact_of(frames.p[self.labels == seen], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
-        p, motion = torch.from_numpy(p_child), motions[joint]
-        left = min(_rms(fit_screw(motion, p, "revolute")), _rms(fit_screw(motion, p, "prismatic")))
+        motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
+        left = min(_rms(fit_screw(torch.from_numpy(motion), torch.from_numpy(p_child), kind)) for kind in KINDS)
         if left <= TOLERATED * frames.noise:
-            continue
-        pair = fit_screw_pair(motion.numpy(), p_child, contact, frames.canonical_frame, frames.noise)
-        if pair.residual < min(EXPLAINED * left, CLOSE * frames.noise):
-            pairs[joint] = pair
-    return pairs
+            return None
+        pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.noise, PAIR_STEPS)
+        return pair if pair.residual < EXPLAINED * left else None
+
+
+def _links(chain: Chain) -> dict[Link, int]:
+    """Each joint's number, by the parts that it links."""
+    return {link: joint for joint, link in enumerate(zip(chain.parent.tolist(), chain.child.tolist(), strict=True))}
+
+
+def _seen_above(chain: Chain, labels: Int64[np.ndarray, "points"], part: int) -> int | None:
+    """The part itself or the nearest part above it that has points."""
+    parents = chain.parents()
+    while part >= 0 and not (labels == part).any():
+        part = int(parents[part])
+    return part if part >= 0 else None
 
 
 def _rms(fit: ScrewFit) -> float:
     return float(fit.residual.sqrt())
 
 
-def _with_links(chain: Chain, pairs: Mapping[int, ScrewPair]) -> Chain:
-    """The chain with a further part inside each of some joints; new parts are numbered behind the others."""
-    joints: list[Joint] = []
-    links = chain.parts
-    for joint in range(len(chain.child)):
-        whole = chain.joint(joint)
-        if joint not in pairs:
-            joints.append(whole)
-            continue
-        pair = pairs[joint]
-        first, second = (Joint(0, 0, True, pair.axis[k], pair.point[k], pair.states[k]) for k in (0, 1))
-        joints += [replace(first, parent=whole.parent, child=links), replace(second, parent=links, child=whole.child)]
-        links += 1
+def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
+    """The chain with a further part within one of its joints; the new part is numbered behind the others."""
+    joints = [chain.joint(other) for other in range(len(chain.child))]
+    first, second = (Joint(0, 0, True, pair.axis[k], pair.point[k], pair.states[k]) for k in (0, 1))
+    link, whole = chain.parts, joints[joint]
+    joints[joint : joint + 1] = [
+        replace(first, parent=whole.parent, child=link),
+        replace(second, parent=link, child=whole.child),
+    ]
     return chain.with_joints(joints)
 
 

@@ -123,7 +123,7 @@ def fit_chain(chain: Chain, linearise: Linearise, canonical_frame: int, noise: f
         trial = _step(chain, equations, others, noise, damping)
         there = linearise(trial.Ts())
         if there.cost < equations.cost:
-            settled = equations.cost - there.cost < SETTLED * equations.cost
+            settled = equations.cost - there.cost < SETTLED * abs(equations.cost)
             chain, equations, damping = trial, there, max(damping / 5, DAMPING_LEAST)
             if settled:
                 break

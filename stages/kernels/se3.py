@@ -28,13 +28,13 @@ def transform(T: Float[Tensor, "*batch 4 4"], p: Float[Tensor, "*batch points 3"
 def exp(twist: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 4 4"]:
     """The transform reached by following a twist (angular part first) for unit time."""
     omega, velocity = twist[..., :3], twist[..., 3:]
-    return from_parts(roma.rotvec_to_rotmat(omega), (_left_jacobian(omega) @ velocity.unsqueeze(-1)).squeeze(-1))
+    return from_parts(roma.rotvec_to_rotmat(omega), (left_jacobian(omega) @ velocity.unsqueeze(-1)).squeeze(-1))
 
 
 def log(T: Float[Tensor, "*batch 4 4"]) -> Float[Tensor, "*batch 6"]:
     """The twist (angular part first, angle at most pi) that `exp` takes to T."""
     omega = roma.rotmat_to_rotvec(T[..., :3, :3])
-    velocity = torch.linalg.solve(_left_jacobian(omega), T[..., :3, 3:]).squeeze(-1)
+    velocity = torch.linalg.solve(left_jacobian(omega), T[..., :3, 3:]).squeeze(-1)
     return torch.cat([omega, velocity], dim=-1)
 
 
@@ -45,7 +45,7 @@ def skew(v: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
     return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).reshape(*v.shape, 3)
 
 
-def _left_jacobian(omega: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
+def left_jacobian(omega: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
     """Integral of exp(s * omega) over s in [0, 1]: carries a twist's linear part to the translation."""
     squared = (omega * omega).sum(-1)
     small = squared < 1e-8
