@@ -144,7 +144,7 @@ def _set_up(axes: Axes3D, title: str, bounds: tuple[Float64[np.ndarray, "3"], fl
     centre, half = bounds
     limits = {f"{axis}lim": (c - half, c + half) for axis, c in zip("xyz", centre.tolist(), strict=True)}
     axes.set(title=title, **limits)
-    axes.set_box_aspect((1, 1, 1), zoom=1.35)
+    axes.set_box_aspect((1, 1, 1), zoom=1.25)
     axes.set_axis_off()
 
 

@@ -139,7 +139,7 @@ def _text(x: float, y: float, text: str, anchor: str = "middle", more: str = "")
 
 
 def _path(x: Sequence[float], y: Sequence[float]) -> str:
-    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)) + "h0"  # a lone point is a dot
 
 
 def _column(frames: int) -> float:

@@ -56,9 +56,8 @@ def sliders(model: ModelFile) -> str:
     for joint in model.joints:
         ends = " <span class='arrow'>→</span> ".join(badge(part, colours[part]) for part in (joint.parent, joint.child))
         what = f"{joint.name}, {joint.type}, part {joint.parent} to part {joint.child}"
-        fields = "".join(
-            _slider(joint, lower, upper, _unit(model, joint), f"{what}{more}") for lower, upper, more in _ranges(joint)
-        )
+        unit = _unit(model, joint)
+        fields = "".join(_slider(joint, lower, upper, about, unit, what) for lower, upper, about in _ranges(joint))
         rows.append(f'<li><span>{ends} {escape(joint.name)}</span> <span class="kind">{joint.type}</span>{fields}</li>')
     return f"<ol>{''.join(rows)}</ol>" if rows else '<p class="soft">One rigid part: nothing to move.</p>'
 
@@ -151,9 +150,11 @@ def table(
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _slider(joint: ModelJoint, lower: float, upper: float, unit: str, what: str) -> str:
+def _slider(joint: ModelJoint, lower: float, upper: float, about: str, unit: str, what: str) -> str:
     disabled = " disabled" if upper - lower <= 0 else ""
     low, high = (_value(value, unit) for value in (lower, upper))
+    if about:
+        low, what = f"{about} {low}", f"{what}, about {about}"
     limits = f'min="{lower!r}" max="{upper!r}" step="any" value="0"'
     return (
         f'<div class="slider"><span class="low">{low}</span><input type="range" data-joint="{joint.id}" '
@@ -162,11 +163,11 @@ def _slider(joint: ModelJoint, lower: float, upper: float, unit: str, what: str)
 
 
 def _ranges(joint: ModelJoint) -> list[tuple[float, float, str]]:
-    """The limits of each of a joint's sliders, and what tells these apart."""
+    """The limits of each of a joint's sliders, and the axis that it turns about where there are three."""
     if joint.type != "spherical":
         return [(joint.lower, joint.upper, "")]
     most = max(abs(joint.lower), abs(joint.upper), *(_magnitude(state) for state in joint.states))
-    return [(-most, most, f", about {axis}") for axis in "xyz"]
+    return [(-most, most, axis) for axis in "xyz"]
 
 
 def _magnitude(state: float | tuple[float, float, float]) -> float:

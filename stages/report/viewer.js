@@ -10,7 +10,7 @@ const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const add = (a, b) => a.map((value, i) => value + b[i]);
 const scaled = (a, factor) => a.map((value) => value * factor);
-const dot = (a, b) => a.reduce((sum, value, i) => sum + value * b[i], 0);
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => scaled(a, 1 / (Math.hypot(...a) || 1));
 const identity = () => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
@@ -146,29 +146,33 @@ function resetView(up = camera.up || "z") {
   frameScene();
 }
 
-// The azimuth from which the canonical points are seen at their broadest: across their principal direction.
+// Calls back with each point of all frames.
+function forEachPoint(see) {
+  for (const cloud of [points.positions, ...frames])
+    for (let i = 0; i < cloud.length; i += 3) see([cloud[i], cloud[i + 1], cloud[i + 2]]);
+}
+
+// The azimuth from which the points of all frames are seen at their broadest: across their principal direction.
 function broadside(up) {
-  const [right, forward] = UP[up], count = points.positions.length / 3 || 1;
-  const along = (axis, i) => axis[0] * points.positions[i] + axis[1] * points.positions[i + 1] + axis[2] * points.positions[i + 2];
-  let x = 0, y = 0, xx = 0, xy = 0, yy = 0;
-  for (let i = 0; i < points.positions.length; i += 3) {
-    const a = along(right, i), b = along(forward, i);
-    x += a / count, y += b / count, xx += (a * a) / count, xy += (a * b) / count, yy += (b * b) / count;
-  }
-  return Math.atan2(2 * (xy - x * y), xx - x * x - (yy - y * y)) / 2 - Math.PI / 2;
+  const [right, forward] = UP[up];
+  let count = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0;
+  forEachPoint((p) => {
+    const a = dot(right, p), b = dot(forward, p);
+    count += 1, x += a, y += b, xx += a * a, xy += a * b, yy += b * b;
+  });
+  return Math.atan2(2 * (xy - (x * y) / count), xx - (x * x) / count - (yy - (y * y) / count)) / 2 - Math.PI / 2;
 }
 
 // Moves the camera to where the points of all frames just fit in.
 function frameScene() {
   const axes = viewAxes(), aspect = canvas.clientWidth / canvas.clientHeight || 1;
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-  for (const cloud of [points.positions, ...frames])
-    for (let i = 0; i < cloud.length; i += 3)
-      axes.forEach((axis, k) => {
-        const along = axis[0] * cloud[i] + axis[1] * cloud[i + 1] + axis[2] * cloud[i + 2];
-        low[k] = Math.min(low[k], along);
-        high[k] = Math.max(high[k], along);
-      });
+  forEachPoint((p) =>
+    axes.forEach((axis, k) => {
+      const along = dot(axis, p);
+      low[k] = Math.min(low[k], along);
+      high[k] = Math.max(high[k], along);
+    }));
   const extent = high.map((value, k) => value - low[k]);
   const tangent = Math.tan(FIELD / 2);
   camera.target = axes.reduce((sum, axis, k) => add(sum, scaled(axis, (low[k] + high[k]) / 2)), [0, 0, 0]);
@@ -280,15 +284,16 @@ class Renderer {
     });
   }
 
-  // A rod along the joint's axis with an arrow at its positive end; around it a disc where the joint turns, a sleeve
-  // where it slides, a ball where it does both.
+  // A rod along the joint's axis with an arrow at its positive end, and around it a disc where the joint turns, a sleeve
+  // where it slides; a ball where the joint is one.
   symbol(joint) {
     const middle = {
       revolute: [[0.008, -0.01], [0.055, -0.01], [0.055, 0.01], [0.008, 0.01]],
       prismatic: [[0.008, -0.09], [0.022, -0.09], [0.022, 0.09], [0.008, 0.09]],
-      spherical: [-0.05, -0.04, -0.02, 0, 0.02, 0.04, 0.05].map((z) => [Math.max(Math.sqrt(0.05 ** 2 - z * z), 0.008), z]),
+      spherical: [0, 1, 2, 3, 4, 5, 6].map((i) => [0.05 * Math.sin((i * Math.PI) / 6), -0.05 * Math.cos((i * Math.PI) / 6)]),
     }[joint.type];
-    const profile = [[0, -0.24], [0.008, -0.24], ...middle, [0.008, 0.22], [0.026, 0.22], [0, 0.3]];
+    const rod = [[0, -0.24], [0.008, -0.24], ...middle, [0.008, 0.22], [0.026, 0.22], [0, 0.3]];
+    const profile = joint.type === "spherical" ? middle : rod;
     const { position, triangles } = surfaceOfRevolution(profile, 20);
     const axis = joint.axis, other = Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0];
     const x = unit(cross(other, axis)), size = data.diagonal / data.half / 2.6;
@@ -323,8 +328,8 @@ class Renderer {
   input() {
     const colour = rgb(getComputedStyle(canvas).getPropertyValue("--input-points").trim());
     const cloud = this.frames[pose.frame];
-    const lift = (3 * data.spacing) / camera.distance; // before the surface that they lie on
-    this.points(cloud, [0, cloud.count], { T: identity(), colour, size: 0.55 * this.pointSize, shading: 0, lift });
+    const lift = data.spacing / camera.distance; // before the surface that they lie on
+    this.points(cloud, [0, cloud.count], { T: identity(), colour, size: 0.4 * this.pointSize, shading: 0, lift });
   }
 
   // Axes shine faintly through what hides them.

@@ -113,6 +113,11 @@ class Browser:
         for kind, (x, y) in (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end)):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
+    def touch(self, kind: str, *fingers: tuple[float, float]) -> None:
+        """touchStart, touchMove or touchEnd with the fingers that are down."""
+        points = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(fingers)]
+        self.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
     def _read(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
             piece = self._answers.read1(1 << 20)

@@ -41,9 +41,13 @@ def pixels(browser):
 
 
 def test_the_model_is_drawn_in_the_colours_of_its_parts(page, arm):
+    page.settle()
+    with_axes = pixels(page)
     page.evaluate("document.getElementById('show-axes').click()")
     page.settle()
-    shown = pixels(page).reshape(-1, 3)
+    shown = pixels(page)
+    assert (np.abs(with_axes - shown).max(axis=-1) > 0.2).sum() > 300
+    shown = shown.reshape(-1, 3)
     for part in page.evaluate("data.parts.map((part) => rgb(part.colour))"):
         direction = np.array(part) / np.linalg.norm(part)  # shading keeps it
         length = np.linalg.norm(shown, axis=1)
@@ -120,6 +124,25 @@ def test_mouse_wheel_and_keys_turn_and_zoom_the_view(page):
     assert camera()[2] < turned[2]
     page.press("0")
     assert camera() == start
+
+
+def test_a_finger_turns_the_view_and_two_zoom_it(browser, file):
+    def camera():
+        return browser.evaluate("[camera.azimuth, camera.distance]")
+
+    browser.open(file, width=390, height=844)
+    start = camera()
+    browser.touch("touchStart", (150, 350))
+    browser.touch("touchMove", (200, 350))
+    browser.touch("touchEnd")
+    turned = camera()
+    assert turned[0] < start[0]
+    assert turned[1] == start[1]
+    browser.touch("touchStart", (150, 350), (200, 350))
+    browser.touch("touchMove", (100, 350), (250, 350))
+    browser.touch("touchEnd")
+    assert camera()[1] < 0.5 * start[1]
+    assert camera()[0] == turned[0]
 
 
 @pytest.mark.parametrize("mode", ["points", "meshes", "true"])
