@@ -12,7 +12,7 @@ $(error say which data set, as in: make run DATASET=roboart SEQUENCES=bolt,ur5)
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lint check format constraints clean
+.PHONY: help setup browser run test lint check format constraints clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -24,7 +24,10 @@ run: $(READY) ## Fit a data set: DATASET=roboart [SEQUENCES=a,b] [WORKERS=N] [DA
 
 setup: $(READY) ## Only set up .venv
 
-test: $(READY) ## Run the tests [PYTEST_ARGS=...]
+browser: ## Only see to a Chromium, which the tests of report.html drive; they are skipped where none is to be had
+	@bash tools/browser.sh
+
+test: $(READY) browser ## Run the tests [PYTEST_ARGS=...]
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_ARGS)
 
 lint: $(READY) ## Check style, types and the direction of imports
@@ -46,5 +49,5 @@ clean: ## Remove .venv and all that tools left; artifacts in workdir/ stay
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis build dist *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(READY): pyproject.toml constraints.txt tools/setup.sh
+$(READY): pyproject.toml constraints.txt tools/setup.sh tools/system_packages.sh
 	@bash tools/setup.sh

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from pipeline.files import write_atomically
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, Result
+from schemas.sequence import IngestedSequence
 
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 
@@ -67,12 +68,19 @@ def _contradictions(result: Result) -> Iterator[str]:
 
 
 def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
-    """The sequence that a model was fitted to, in its own coordinates; None where its artifacts are not at hand.
+    """The frames that a model was fitted to, in its own coordinates; None where they are not at hand."""
+    ingested = ingested_of_model(folder, result)
+    if ingested is None:
+        return None
+    return [ingested.sequence.to_input(frame) for frame in ingested.sequence.frames()]
+
+
+def ingested_of_model(folder: Path, result: Result) -> IngestedSequence | None:
+    """The sequence that a model was fitted to, with its truth; None where its artifacts are not at hand.
 
     `folder` is a result's artifact, or has `workdir/` with that of the same model, as `reart fit` leaves it.
     """
     from pipeline import store
-    from schemas.sequence import IngestedSequence
 
     model = (folder / "model.json").read_bytes()
     for place in (folder, *sorted(folder.glob("workdir/*/*/result-*/"))):
@@ -80,9 +88,9 @@ def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_
             if (place / "model.json").read_bytes() != model:
                 continue
             key = store.read_manifest(place.resolve()).upstream["ingest"]
-            sequence = store.read(place.resolve().with_name(f"ingest-{key}"), IngestedSequence).sequence
-            if sequence.frame_count == result.model.frames:
-                return [sequence.to_input(frame) for frame in sequence.frames()]
+            ingested = store.read(place.resolve().with_name(f"ingest-{key}"), IngestedSequence)
+            if ingested.sequence.frame_count == result.model.frames:
+                return ingested
     return None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 from urllib.parse import quote
 
@@ -40,13 +41,13 @@ def page(title: str, body: str) -> str:
     )
 
 
-def table_html(table: Table, pages: str | None = None) -> str:
-    """A table under its title; rows of sequences link to their pages in the folder `pages`, where one is given."""
+def table_html(table: Table, reports: Mapping[str, str]) -> str:
+    """A table under its title; a sequence's row links to its report, where `reports` tells its address."""
     heads = "".join(f'<th scope="col">{escape(column)}</th>' for column in table.columns)
     mark = ' class="words"' if table.words else ""
     rows, section = [], ""
     for row in table.rows:
-        rows.append(_row(row, pages, begins=row.section != section))
+        rows.append(_row(row, reports, begins=row.section != section))
         section = row.section
     return (
         f'<h2>{escape(table.title)}</h2>\n<div class="wide"><table{mark}>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n'
@@ -54,20 +55,20 @@ def table_html(table: Table, pages: str | None = None) -> str:
     )
 
 
-def page_name(sequence: str) -> str:
-    """The address of a sequence's page beside others."""
-    return quote(f"{sequence}.html")
+def address(folder: str, file: str) -> str:
+    """The address of a file in a folder beside the page, as an attribute's value."""
+    return escape(f"{folder}/{quote(file)}")
 
 
-def picture_html(address: str, what: str) -> str:
-    """A picture that may be scrolled sideways on a narrow screen."""
-    return f'<div class="wide"><img src="{escape(address)}" alt="{escape(what)}" loading="lazy"></div>'
+def picture_html(source: str, what: str) -> str:
+    """A picture, whose address is an attribute's value already, that may be scrolled sideways on a narrow screen."""
+    return f'<div class="wide"><img src="{source}" alt="{escape(what)}" loading="lazy"></div>'
 
 
-def _row(row: Row, pages: str | None, begins: bool) -> str:
+def _row(row: Row, reports: Mapping[str, str], begins: bool) -> str:
     name = escape(row.name)
-    if pages is not None and row.sequence:
-        name = f'<a href="{pages}{page_name(row.sequence)}">{name}</a>'
+    if row.sequence in reports:
+        name = f'<a href="{reports[row.sequence]}">{name}</a>'
     classes = " ".join(name for name, holds in (("mean", row.section), ("first", begins)) if holds)
     mark = f' class="{classes}"' if classes else ""
     return f'<tr{mark}><th scope="row">{name}</th>{"".join(map(_cell, row.cells))}</tr>'

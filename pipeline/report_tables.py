@@ -7,7 +7,6 @@ import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from schemas.metrics import JointMetrics
 from schemas.scores import (
     MEASURES,
     ComparedFigures,
@@ -179,41 +178,6 @@ def _change_table(title: str, comparison: Comparison, names: Sequence[str]) -> T
     )
     legend = ", ".join(f"{mark} {verdict}" for verdict, mark in MARKS.items())
     return Table(f"Changes: {title} ({legend})", ("sequence", *map(column_title, told)), rows)
-
-
-def sequence_tables(score: SequenceScore) -> list[Table]:
-    """Everything that is known of one sequence: its figures, its joints, and what its stages took."""
-    figures = ((column_title(n), number(getattr(score.figures, n), m.decimals)) for n, m in MEASURES.items())
-    costs = (
-        Row(stage, (Cell(f"{cost.seconds:.1f}"), Cell(number(cost.peak_memory_mib, 0))))
-        for stage, cost in score.costs.items()
-    )
-    tables = [
-        Table(
-            "Figures", ("figure", "value"), tuple(Row(title, (Cell(text),)) for title, text in figures if text != "-")
-        ),
-        Table(
-            "True joints",
-            ("joint", "true type", "predicted type", "axis angle deg", "axis dist. %", "state error", "confidence"),
-            tuple(map(_joint_row, score.metrics.joints)),
-        ),
-        Table("Stages", ("stage", "seconds", "peak MiB"), tuple(costs)),
-    ]
-    return [table for table in tables if table.rows]
-
-
-def _joint_row(joint: JointMetrics) -> Row:
-    unit = "rad" if joint.true_type == "revolute" else "%"
-    error = "-" if joint.state_error is None else f"{joint.state_error:.3f} {unit}"
-    texts = (
-        joint.true_type,
-        joint.predicted_type or "not found",
-        number(joint.axis_angle_deg, 2),
-        number(joint.axis_distance_percent, 2),
-        error,
-        number(joint.confidence, 2),
-    )
-    return Row(joint.name, tuple(map(Cell, texts)))
 
 
 def to_markdown(table: Table) -> str:

@@ -15,7 +15,7 @@ from pipeline.plan import plan
 from pipeline.protocol import Event, Request
 from pipeline.status import TaskStatus, task_status
 from pipeline.task import Job, StageTask, upstream_first
-from pipeline.tasks import EvaluationTask, ResultTask, final_tasks
+from pipeline.tasks import EvaluationTask, ReportTask, ResultTask, final_tasks
 from schemas.errors import InputError
 from schemas.metrics import Metrics
 from schemas.scores import Figures, GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
@@ -78,7 +78,7 @@ def sequences_of(split: str, request: Request) -> set[str]:
 
 def score_of(job: Job) -> SequenceScore | MissingScore:
     """The evaluation of one sequence, or why it has none."""
-    evaluation, result = EvaluationTask(job=job), ResultTask(job=job)
+    evaluation, result, report = EvaluationTask(job=job), ResultTask(job=job), ReportTask(job=job)
     tasks = upstream_first(final_tasks(job))
     if not evaluation.complete():
         return _why_missing(job.source.name, [task_status(task) for task in tasks])
@@ -94,6 +94,7 @@ def score_of(job: Job) -> SequenceScore | MissingScore:
         figures=figures_of(metrics, costs),
         costs=costs,
         result=result.directory.relative_to(job.workdir).as_posix() if result.complete() else None,
+        report=report.directory.relative_to(job.workdir).as_posix() if report.complete() else None,
     )
 
 
@@ -160,7 +161,7 @@ def _why_missing(sequence: str, statuses: Sequence[TaskStatus]) -> MissingScore:
                 log=status.log,
             )
     done = sum(status.state == "done" for status in statuses)
-    if statuses[-1].state == "stale":
+    if any(status.stage == EvaluationTask.stage and status.state == "stale" for status in statuses):
         return MissingScore(
             sequence=sequence, state="stale", message="evaluated with other settings, input or code only; run it"
         )

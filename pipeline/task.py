@@ -82,8 +82,8 @@ class StageTask(luigi.Task):
         """What tells this task from others of the same stage and sequence."""
         return {}
 
-    def files(self, output: Any) -> dict[str, bytes]:
-        """Files to be kept beside the arrays, for other programs."""
+    def files(self, output: Any, inputs: Mapping[str, Any]) -> dict[str, bytes]:
+        """Files to be kept beside the arrays, for other programs and for people."""
         return {}
 
     def function(self) -> str:
@@ -176,6 +176,7 @@ class StageTask(luigi.Task):
         inputs = {name: task.read() for name, task in self.requires().items()}
         read = time.perf_counter()
         output = self.compute(inputs, self._generator(), self._progress())
+        files = self.files(output, inputs)
         computed = time.perf_counter()
         config = self.job.config
         provenance = Provenance(
@@ -193,9 +194,7 @@ class StageTask(luigi.Task):
             peak_memory_mib=peak_memory_mib(),
             packages=package_versions(),
         )
-        store.publish(
-            self.directory, output, provenance, self.files(output), replaces=self.job.replaces.get(self.directory)
-        )
+        store.publish(self.directory, output, provenance, files, replaces=self.job.replaces.get(self.directory))
 
     def _generator(self) -> np.random.Generator:
         """A generator of this task's own, so that neither the workers' number nor their order matters."""

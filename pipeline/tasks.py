@@ -14,6 +14,7 @@ from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
 from schemas.model_file import Result
 from schemas.relaxed import RelaxedModel
+from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import IngestedSequence
 from stages.progress import Progress
@@ -156,14 +157,14 @@ class ResultTask(StageTask):
 
         return to_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
 
-    def files(self, output: Result) -> dict[str, bytes]:
+    def files(self, output: Result, inputs: Inputs) -> dict[str, bytes]:
         from stages.result import result_files
 
         return result_files(output)
 
 
 class ExportTask(StageTask):
-    stage, version, schema = "export", 1, Robot
+    stage, version, schema = "export", 2, Robot
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "result": ResultTask(job=self.job)}
@@ -175,7 +176,7 @@ class ExportTask(StageTask):
         frames = [sequence.to_input(frame) for frame in sequence.frames()]
         return describe(inputs["result"], frames, self.job.config.export, self.job.source.name)
 
-    def files(self, output: Robot) -> dict[str, bytes]:
+    def files(self, output: Robot, inputs: Inputs) -> dict[str, bytes]:
         from stages.export import mjcf_files, urdf_files
 
         return urdf_files(output) | mjcf_files(output)
@@ -193,6 +194,29 @@ class EvaluationTask(StageTask):
         return evaluate(inputs["canonical_frame"].model, inputs["ingest"], self.job.config.evaluation, rng)
 
 
+class ReportTask(StageTask):
+    stage, version, schema = "report", 1, Report
+
+    def requires(self) -> dict[str, StageTask]:
+        return {
+            "ingest": IngestTask(job=self.job),
+            "result": ResultTask(job=self.job),
+            "export": ExportTask(job=self.job),
+            "evaluation": EvaluationTask(job=self.job),
+        }
+
+    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Report:
+        from stages.report import measure
+
+        return measure(inputs["result"], inputs["ingest"].sequence)
+
+    def files(self, output: Report, inputs: Inputs) -> dict[str, bytes]:
+        from stages.report import report_files
+
+        name, robot, metrics = self.job.source.name, inputs["export"], inputs["evaluation"]
+        return report_files(name, inputs["result"], inputs["ingest"], output, robot, metrics)
+
+
 TASKS: tuple[type[StageTask], ...] = (
     IngestTask,
     FlowTask,
@@ -204,10 +228,11 @@ TASKS: tuple[type[StageTask], ...] = (
     ResultTask,
     ExportTask,
     EvaluationTask,
+    ReportTask,
 )
 STAGES = tuple(task.stage for task in TASKS)
 
 
 def final_tasks(job: Job) -> list[StageTask]:
     """What a sequence ends in."""
-    return [ResultTask(job=job), ExportTask(job=job), EvaluationTask(job=job)]
+    return [ResultTask(job=job), ExportTask(job=job), EvaluationTask(job=job), ReportTask(job=job)]

@@ -107,6 +107,7 @@ class SequenceScore(Schema):
     figures: Figures
     costs: dict[str, StageCost] = Field(description="by stage")
     result: str | None = Field(description="folder of the model's artifact, from the working directory")
+    report: str | None = Field(default=None, description="folder of the report's artifact, from the working directory")
 
 
 class MissingScore(Schema):

@@ -13,6 +13,13 @@ from schemas.artifact import Artifact, Schema, Unit
 LengthUnit = Literal["metre", "centimetre", "millimetre", "unknown"]
 JointType = Literal["revolute", "prismatic", "spherical"]
 
+LENGTH_SYMBOLS: dict[LengthUnit, str] = {
+    "metre": "m",
+    "centimetre": "cm",
+    "millimetre": "mm",
+    "unknown": "input units",
+}
+
 
 class PointSequence(Artifact):
     """T independently sampled point clouds, in a normalised frame.
@@ -97,6 +104,12 @@ class IngestedSequence(Artifact):
 
     sequence: PointSequence
     truth: GroundTruth | None = None
+
+    def true_labels(self, frame: int) -> Int64[np.ndarray, "points"] | None:
+        """The true part of each point of a frame; None where there is no ground truth."""
+        if self.truth is None:
+            return None
+        return np.split(self.truth.labels, np.cumsum(self.sequence.point_counts)[:-1])[frame]
 
     @model_validator(mode="after")
     def _check_truth(self) -> Self:

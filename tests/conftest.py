@@ -13,6 +13,7 @@ from schemas.kinematic import Candidate, CanonicalChoice, KinematicModel
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result
 from schemas.relaxed import RelaxedModel
+from schemas.report import Report
 from schemas.robot import Robot, RobotLink, RobotMesh
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
 
@@ -194,6 +195,7 @@ SAMPLES: dict[str, Callable[[], Artifact]] = {
     "metrics": metrics,
     "result": result,
     "robot": robot,
+    "report": lambda: Report(residuals=np.array([[0.0, 0.0], [0.5, 0.6], [0.4, 2.0]]), sampling=0.45),
 }
 
 

@@ -10,8 +10,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 TORCH_INDEX=${TORCH_INDEX-https://download.pytorch.org/whl/cpu}
 CONSTRAINTS=${CONSTRAINTS:-constraints.txt}
 
-say() { printf 'set-up: %s\n' "$*" >&2; }
-fail() { say "$*"; exit 1; }
+source tools/system_packages.sh
 
 find_python() {
     local candidate candidates=(python3.11 python3 python3.12 python3.13)
@@ -48,21 +47,6 @@ for library, package in LIBRARIES.items() if sys.platform == "linux" else ():
     except OSError:
         print(package)
 PROBE
-}
-
-install_system_packages() {
-    local as_root=() install=(apt-get --quiet install --yes --no-install-recommends "$@")
-    if ! command -v apt-get >/dev/null; then
-        fail "system packages are missing; install what Debian calls: $*"
-    fi
-    if [ "$(id -u)" != 0 ]; then
-        sudo -n true 2>/dev/null || fail "system packages are missing; please run: sudo apt-get install $*"
-        as_root=(sudo -n)
-    fi
-    say "installing the system packages $*"
-    # A new machine has no package lists. That another source of the user's can't be read (update's failure) does no harm.
-    "${as_root[@]}" apt-get --quiet update >&2 || true
-    "${as_root[@]}" "${install[@]}" </dev/null >&2 || fail "apt-get failed (above); please install: $*"
 }
 
 install_python_packages() {

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import writable_folder
-from pipeline.model_folder import read_model_folder
+from pipeline.model_folder import ingested_of_model, read_model_folder
 from schemas.errors import InputError
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -19,7 +19,9 @@ def figure(
     *,
     out: Annotated[Path, typer.Option(help="The picture: .png, .svg or .pdf.")],
 ) -> None:
-    """Draw a model: the input, its parts and joint axes, a posed frame, and the kinematic tree.
+    """Draw a model: the input, its parts and screw axes, the kinematic tree, the implied flow, and a posed frame.
+
+    Below it the truth, where the fit's artifacts are still there and know it.
 
     Example: `reart figure models/lamp --out lamp.png`
     """
@@ -29,5 +31,5 @@ def figure(
     writable_folder(out.parent, "--out")
     from stages.figure import draw  # matplotlib takes a second to import
 
-    draw(result).savefig(out, dpi=110)
+    draw(result, ingested_of_model(model, result)).savefig(out, dpi=110)
     typer.echo(f"written: {out}")

@@ -29,6 +29,7 @@ from pipeline.model_folder import write_beside
 from pipeline.protocol import Request
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile, Result
+from schemas.report import Report
 
 DATASET = "scans"
 
@@ -36,7 +37,9 @@ DATASET = "scans"
 def fit(
     frames: Annotated[Path, typer.Argument(help="A folder of frames, or one .npy/.npz of shape (T, N, 3).")],
     *,
-    out: Annotated[Path, typer.Option(help="Where the model and robot.urdf go; artifacts go to its workdir/.")],
+    out: Annotated[
+        Path, typer.Option(help="Where the model, robot.urdf and report.html go; artifacts go to its workdir/.")
+    ],
     preset: PresetOption = None,
     units: Annotated[
         str | None, typer.Option(help="The unit of the coordinates: metre, centimetre or millimetre.")
@@ -91,6 +94,9 @@ def deliver(outcome: Outcome, out: Path) -> None:
         if f"meshes/{stale.name}" not in names:
             stale.unlink()
     write_beside(out, {name: (description / name).read_bytes() for name in sorted(names, reverse=True)})
+    report = directory_of(outcome, "report")
+    store.read(report, Report)
+    write_atomically(out / "report.html", (report / "report.html").read_bytes())
     metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
     if metrics.parts_true is not None:
         write_atomically(out / "metrics.json", metrics.model_dump_json(indent=1).encode() + b"\n")
@@ -104,7 +110,6 @@ def summarise(request: Request, outcome: Outcome, out: Path, seconds: float, con
     energies = store.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
     console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
     show(evaluation_of(request, outcome), console)
-    written = [
-        out / file for file in ("model.json", "model.npz", "robot.urdf", "metrics.json") if (out / file).exists()
-    ]
+    files = ("model.json", "model.npz", "robot.urdf", "metrics.json", "report.html")
+    written = [out / file for file in files if (out / file).exists()]
     console.print(f"written in {seconds:.1f} s: {', '.join(map(str, written))}", soft_wrap=True)

@@ -8,8 +8,8 @@ from rich.table import Table
 
 from pipeline import report_tables
 from schemas.model_file import ModelFile
+from schemas.sequence import LENGTH_SYMBOLS
 
-LENGTH_NAMES = {"metre": "m", "centimetre": "cm", "millimetre": "mm", "unknown": "input units"}
 COLOURS = {"better": "green", "worse": "red"}
 
 
@@ -17,7 +17,7 @@ def model_table(model: ModelFile) -> Table:
     """A line a joint."""
     table = Table("joint", "parent", "child", "type", "axis", "range", title=f"{len(model.parts)} parts")
     for joint in model.joints:
-        unit = LENGTH_NAMES[model.units] if joint.type == "prismatic" else "rad"
+        unit = LENGTH_SYMBOLS[model.units] if joint.type == "prismatic" else "rad"
         table.add_row(
             joint.name,
             model.parts[joint.parent].name,

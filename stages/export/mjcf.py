@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from schemas.robot import Robot, RobotJoint
 from stages.export.markup import document, mesh_files, numbers
-from stages.figure import part_colours
+from stages.kernels.colours import distinct_colours
 
 FILE = "robot.xml"
 KINDS = {"revolute": "hinge", "prismatic": "slide"}
@@ -57,7 +57,7 @@ def _add_body(above: ET.Element, robot: Robot, index: int, joint: RobotJoint | N
         ET.SubElement(body, "joint", {"name": joint.name, "type": KINDS[joint.type], **limits})
     elif robot.free_base:
         ET.SubElement(body, "freejoint", name=f"{link.name}_free")
-    colour = part_colours(len(robot.links))[index].round(3).tolist()
+    colour = distinct_colours(len(robot.links))[index].round(3).tolist()
     for mesh in robot.meshes_of(index, "visual"):
         look = {"contype": "0", "conaffinity": "0", "group": "2", "rgba": numbers([*colour, 1.0])}
         ET.SubElement(body, "geom", {"type": "mesh", "mesh": _stem(mesh.file), **look})

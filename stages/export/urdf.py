@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 from schemas.robot import Robot, RobotJoint, RobotLink
 from stages.export.markup import document, mesh_files, numbers
-from stages.figure import part_colours
+from stages.kernels.colours import distinct_colours
 
 FILE = "robot.urdf"
 
@@ -17,7 +17,7 @@ def urdf_files(robot: Robot) -> dict[str, bytes]:
     # read by MuJoCo, which otherwise looks for meshes beside the file, and drops the visible ones
     extension = ET.SubElement(root, "mujoco")
     ET.SubElement(extension, "compiler", meshdir="meshes", strippath="true", discardvisual="false")
-    for index, colour in enumerate(part_colours(len(robot.links))):
+    for index, colour in enumerate(distinct_colours(len(robot.links))):
         material = ET.SubElement(root, "material", name=f"colour_{index}")
         ET.SubElement(material, "color", rgba=numbers([*colour.round(3).tolist(), 1.0]))
     for index, link in enumerate(robot.links):

@@ -38,8 +38,15 @@ def working_points(points: Float[np.ndarray, "points 3"], count: int) -> Int64[n
     """
     if len(points) <= THINNING * count:
         return farthest_points(points, count)
-    chosen = np.sort(np.random.default_rng(0).choice(len(points), THINNING * count, replace=False))
+    chosen = thinned(len(points), THINNING * count)
     return chosen[farthest_points(points[chosen], count)]
+
+
+def thinned(count: int, most: int) -> Int64[np.ndarray, "chosen"]:
+    """Indices of at most `most` of `count` points, in their order: a random choice, always the same."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
 
 
 def spacing(points: Float[np.ndarray, "points 3"]) -> float:

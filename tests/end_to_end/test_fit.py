@@ -46,8 +46,8 @@ def test_what_was_killed_and_resumed_is_what_an_undisturbed_run_makes(finished, 
 
 def test_fit_writes_the_contracts_files(fitted):
     out = fitted.folder / "out"
-    description = ["meshes", "metrics.json", "model.json", "model.npz", "robot.urdf", "robot.xml", "workdir"]
-    assert sorted(path.name for path in out.iterdir()) == description
+    description = ["meshes", "metrics.json", "model.json", "model.npz", "report.html", "robot.urdf", "robot.xml"]
+    assert sorted(path.name for path in out.iterdir()) == [*description, "workdir"]
     model = ModelFile.model_validate_json((out / "model.json").read_bytes())
     meshes = {f"part_{part.id}{role}.stl" for part in model.parts for role in ("", "_collision")}
     assert {path.name for path in (out / "meshes").iterdir()} == meshes

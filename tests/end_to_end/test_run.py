@@ -18,6 +18,7 @@ STAGES = [
     "result",
     "export",
     "evaluation",
+    "report",
 ]
 
 
@@ -52,8 +53,9 @@ def test_a_run_leaves_the_evaluation_that_evaluate_makes_of_it(finished, copy):
     written = json.loads((finished.workdir / "scans" / "evaluation" / "evaluation.json").read_text())
     assert [score["sequence"] for score in written["sequences"]] == ["box"]
     assert [entry["sequence"] for entry in written["missing"]] == ["flat"]
-    [picture] = (finished.workdir / "scans" / "evaluation" / "sequences").glob("*.png")
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    copied = finished.workdir / "scans" / "evaluation" / "sequences"
+    assert (copied / "box.png").read_bytes().startswith(b"\x89PNG")
+    assert (copied / "box.html").read_bytes() == (artifact(finished, "report") / "report.html").read_bytes()
     outcome = copy.reart("evaluate", "--dataset", "scans", "--data", "data", "--json")
     assert outcome.returncode == 1
     assert outcome.stderr.startswith("flat failed: ingest: data/flat/frame_1.npy")
@@ -91,6 +93,7 @@ def test_a_final_fit_setting_reruns_only_the_final_fit_and_what_follows(copy):
         "evaluation",
         "export",
         "final_fit",
+        "report",
         "result",
     ]
     tasks = json.loads(copy.reart(*STATUS, "--json").stdout)
@@ -103,7 +106,7 @@ def test_a_rerun_computes_a_stage_and_all_after_it_anew(copy):
     assert outcome.returncode == 0
     after = copy.times()
     anew = {stage(name) for name in before if before[name] != after[name]}
-    assert anew == {"final_fit", "canonical_frame", "result", "export", "evaluation"}
+    assert anew == {"final_fit", "canonical_frame", "result", "export", "evaluation", "report"}
     assert copy.contents() == contents
     assert copy.hidden() == []
 

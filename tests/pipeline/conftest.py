@@ -84,7 +84,7 @@ class LastTask(StageTask):
     def compute(self, inputs, rng, progress):
         return Numbers(values=np.concatenate([inputs["middle 0"].values, inputs["middle 1"].values]))
 
-    def files(self, output):
+    def files(self, output, inputs):
         return {"model.json": b"{}"}
 
 
@@ -149,7 +149,9 @@ class EvaluatedRobots:
                 labels=np.array([0, 0, 1, 1, 1]),
             ),
             "evaluation": self.samples["metrics"].replace(parts_true=4, **figures),
+            "report": self.samples["report"],
         }
+        files = {"report": {"report.html": f"<p>{robot}".encode(), "report.png": b"\x89PNG"}}
         for task in upstream_first(final_tasks(self.job(robot))):
             provenance = Provenance(
                 stage=task.stage,
@@ -166,7 +168,8 @@ class EvaluatedRobots:
                 peak_memory_mib=100 + task.parameters().get("candidate", 0),
                 packages={},
             )
-            store.publish(task.directory, artifacts.get(task.stage, Numbers(values=np.zeros(1))), provenance)
+            artifact = artifacts.get(task.stage, Numbers(values=np.zeros(1)))
+            store.publish(task.directory, artifact, provenance, files.get(task.stage))
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from pipeline import store
 from pipeline.comparison import compare
 from pipeline.evaluation_files import default_folder, write_evaluation
 from pipeline.scores import gather
-from pipeline.tasks import ResultTask
+from pipeline.tasks import ReportTask
 from schemas.scores import MissingScore, Scores
 
 
@@ -41,10 +41,6 @@ def written(evaluated):
     return scores, out
 
 
-def pictures(out):
-    return sorted((out / "sequences").glob("*.png"))
-
-
 def test_the_json_is_the_whole_evaluation(written):
     scores, out = written
     assert Scores.model_validate_json((out / "evaluation.json").read_bytes()) == scores
@@ -52,30 +48,21 @@ def test_the_json_is_the_whole_evaluation(written):
     assert (out / "evaluation.csv").read_text().startswith("level,name,")
 
 
-def test_pages_are_well_formed_and_name_nothing_but_files_that_were_written(written):
+def test_the_page_is_well_formed_and_names_nothing_but_files_that_were_written(written):
     _, out = written
-    for file in out.rglob("*.html"):
-        addresses = Addresses(file.read_text())
-        assert addresses.open == []
-        for address in addresses.found:
-            assert (file.parent / unquote(address)).is_file(), address
-        assert not re.search(r"https?:|//|url\(|@import", file.read_text())
+    page = (out / "index.html").read_text()
+    addresses = Addresses(page)
+    assert addresses.open == []
+    for address in addresses.found:
+        assert (out / unquote(address)).is_file(), address
+    assert not re.search(r"https?:|//|url\(|@import", page)
 
 
-def test_rows_link_to_the_pages_of_their_sequences_which_show_a_picture(written):
+def test_rows_and_pictures_link_to_copies_of_the_reports_so_that_the_folder_can_be_moved(written):
     _, out = written
     addresses = Addresses((out / "index.html").read_text()).found
-    assert {"sequences/bolt.html", "sequences/ur5.html"} <= set(addresses)
-    [shown] = [a for a in Addresses((out / "sequences" / "bolt.html").read_text()).found if a.endswith(".png")]
-    assert (out / "sequences" / shown).read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_picture_is_drawn_once_until_its_model_changes(evaluated, written):
-    scores, out = written
-    before = {path: path.stat().st_mtime_ns for path in pictures(out)}
-    assert len(before) == 2
-    write_evaluation(scores, evaluated.workdir, out)
-    assert {path: path.stat().st_mtime_ns for path in pictures(out)} == before
+    assert {f"sequences/{name}" for name in ("bolt.html", "bolt.png", "ur5.html", "ur5.png")} == set(addresses)
+    assert (out / "sequences" / "bolt.html").read_text() == "<p>bolt"
 
 
 def test_only_what_an_earlier_evaluation_wrote_is_removed(evaluated, written):
@@ -85,17 +72,34 @@ def test_only_what_an_earlier_evaluation_wrote_is_removed(evaluated, written):
     assert "Compared with old.json" in (out / "index.html").read_text()
     (out / "sequences" / "mine.png").write_text("")
     write_evaluation(gather(evaluated.request("ur5")), evaluated.workdir, out)
-    assert {path.name.split("-")[0] for path in (out / "sequences").iterdir()} == {"mine.png", "ur5", "ur5.html"}
+    assert {path.name for path in (out / "sequences").iterdir()} == {"mine.png", "ur5.html", "ur5.png"}
     assert not (out / "comparison.json").exists()
 
 
-@pytest.mark.parametrize("damage", [shutil.rmtree, lambda path: (path / store.MANIFEST).write_text("{")])
-def test_figures_stand_without_a_picture_where_the_model_is_gone_or_corrupt(evaluated, damage, tmp_path, caplog):
-    damage(ResultTask(job=evaluated.job("bolt")).directory)
-    out = tmp_path / "out"
-    write_evaluation(gather(evaluated.request()), evaluated.workdir, out)
-    assert [path.name.split("-")[0] for path in pictures(out)] == ["ur5"]
-    assert "0.900" in (out / "sequences" / "bolt.html").read_text()
+@pytest.mark.parametrize("content", ["{", "[]", '{"sequences": [{}]}'])
+def test_an_earlier_evaluation_that_cannot_be_read_is_overwritten(evaluated, written, content):
+    scores, out = written
+    (out / "evaluation.json").write_text(content)
+    write_evaluation(scores, evaluated.workdir, out)
+    assert Scores.model_validate_json((out / "evaluation.json").read_bytes()) == scores
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        shutil.rmtree,
+        lambda path: (path / store.MANIFEST).write_text("{"),
+        lambda path: (path / "report.html").write_text("changed"),
+    ],
+)
+def test_figures_stand_without_a_report_that_is_gone_or_corrupt(evaluated, written, damage):
+    scores, out = written
+    damage(ReportTask(job=evaluated.job("bolt")).directory)
+    write_evaluation(scores, evaluated.workdir, out)
+    assert {path.name for path in (out / "sequences").iterdir()} == {"ur5.html", "ur5.png"}
+    page = (out / "index.html").read_text()
+    assert "0.900" in page
+    assert "bolt.html" not in page
 
 
 def test_what_is_not_evaluated_is_on_the_page_and_nothing_is_taken_for_markup(written):

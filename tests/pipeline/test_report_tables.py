@@ -14,13 +14,11 @@ from pipeline.report_tables import (
     number,
     quality_table,
     seconds_table,
-    sequence_tables,
     stage_table,
     to_csv,
     to_markdown,
 )
 from pipeline.scores import gather
-from schemas.metrics import JointMetrics
 from schemas.scores import MEASURES, MissingScore
 
 
@@ -64,7 +62,7 @@ def test_costs_are_told_by_stage(scores):
     assert cells(stage_table(scores), "relaxed_fit") == {
         "stage": "relaxed_fit",
         "mean s": "7.0",
-        "share": "14.3%",
+        "share": "13.3%",
         "peak MiB": "101",
     }
     assert cells(joint_table(scores), "bolt")["joints"] == "0/1"
@@ -109,19 +107,6 @@ def test_better_and_worse_are_told_by_a_mark_and_a_sign(scores):
     mean = cells(means, "ARI")
     assert (mean["before"], mean["after"], mean["change"], mean["verdict"]) == ("0.700", "0.750", "+0.050", "▲ better")
     assert cells(means, "parts")["verdict"] == "-"
-
-
-def test_a_sequence_is_told_with_its_joints(scores):
-    bolt = scores.sequences[0]
-    joint = JointMetrics(
-        name="knee", true_type="revolute", predicted_type="revolute", axis_angle_deg=1.5, confidence=0.25
-    )
-    metrics = bolt.metrics.replace(joints=(*bolt.metrics.joints, joint))
-    tables = {table.title: table for table in sequence_tables(bolt.model_copy(update={"metrics": metrics}))}
-    assert cells(tables["True joints"], "hinge")["predicted type"] == "not found"
-    assert cells(tables["True joints"], "knee")["axis angle deg"] == "1.50"
-    assert [cells(tables["True joints"], name)["confidence"] for name in ("hinge", "knee")] == ["-", "0.25"]
-    assert cells(tables["Figures"], "ARI")["value"] == "0.900"
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,11 @@
-import networkx as nx
 import numpy as np
 import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
-from stages.figure import draw, part_colours, tree_layout, true_colours
+from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
+from stages.figure import AXIS_COLOUR, draw
 from stages.final_fit import fit_final
+from stages.kernels.colours import distinct_colours
 from stages.projection import link_parts
 from stages.result import to_result
 
@@ -20,50 +21,80 @@ def result(hinge):
     )
 
 
-def test_shows_points_parts_pose_and_tree(result):
-    figure = draw(result)
-    titles = [axes.get_title() for axes in figure.axes]
-    assert titles[1] == "2 parts, 1 joints"
-    assert len(titles) == 4
-    posed = np.stack(figure.axes[2].collections[0]._offsets3d, axis=1)
-    frame = int(titles[2].rsplit(" ", 1)[1])
-    T_points = result.T_frame_canonical[frame, result.labels]
+@pytest.fixture
+def ingested(hinge):
+    """The hinge with its truth, whose parts have the opposite numbers."""
+    Ts_frame_first = hinge.Ts_frame_canonical @ np.linalg.inv(hinge.Ts_frame_canonical[0])
+    joint = TrueJoint(
+        name="lid",
+        parent=1,
+        child=0,
+        type="revolute",
+        axis=tuple(hinge.axis),
+        point=tuple(hinge.point),
+        states=tuple(hinge.states[:, 0] - hinge.states[0, 0]),
+    )
+    truth = GroundTruth(
+        labels=1 - np.concatenate(hinge.labels),
+        Ts_frame_first=Ts_frame_first[:, ::-1].copy(),
+        Ts_novel_first=np.zeros((0, 2, 4, 4)),
+        parent=np.array([1, -1]),
+        part_names=("lid", "body"),
+        joints=(joint,),
+    )
+    return IngestedSequence(sequence=hinge.sequence, truth=truth)
+
+
+def by_title(figure):
+    return {axes.get_title(): axes for axes in figure.axes}
+
+
+def line_of(axes):
+    (line,) = (line for line in axes.lines if line.get_color() == AXIS_COLOUR)
+    return np.stack(line.get_data_3d(), axis=1)
+
+
+def test_shows_input_parts_tree_flow_and_pose(result):
+    panels = by_title(draw(result))
+    assert len(panels) == 5
+    assert "2 parts, 1 joint" in panels
+    title = next(title for title in panels if title.startswith("pose of frame"))
+    posed = np.stack(panels[title].collections[0]._offsets3d, axis=1)
+    T_points = result.T_frame_canonical[int(title.rsplit(" ", 1)[1]), result.labels]
     expected = np.einsum("nij,nj->ni", T_points[:, :3, :3], result.canonical_points) + T_points[:, :3, 3]
     np.testing.assert_allclose(np.sort(posed[:, 0]), np.sort(expected[:, 0]), atol=1e-6)
 
 
-def test_draws_the_joint_axis_where_it_is(result):
-    (line,) = draw(result).axes[1].lines
-    ends = np.stack(line.get_data_3d(), axis=1)
+def test_draws_the_screw_axis_where_it_is(result):
+    ends = line_of(by_title(draw(result))["2 parts, 1 joint"])
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     joint = result.model.joints[0]
     assert abs(direction @ np.array(joint.axis)) == pytest.approx(1)
     np.testing.assert_allclose(np.cross(ends[0] - np.array(joint.point), direction), 0, atol=1e-6)
 
 
-def test_colours_of_parts_differ():
-    colours = part_colours(30)
-    distances = np.linalg.norm(colours[:, None] - colours[None], axis=-1)
-    assert distances[~np.eye(30, dtype=bool)].min() > 0.05
+def test_the_truth_stands_below_in_the_colours_of_the_parts_found(result, ingested):
+    panels = by_title(draw(result, ingested))
+    assert len(panels) == 9
+    assert "input, 3 frames, late ones light" in panels
+    found, true = panels["2 parts, 1 joint"], panels["2 true parts, 1 joint"]
+    for axes in (found, true):
+        colours = axes.collections[0].get_facecolors()[:, :3]
+        np.testing.assert_allclose(np.unique(colours, axis=0), np.unique(distinct_colours(2), axis=0))
+    direction = np.diff(line_of(true), axis=0)[0]
+    assert np.linalg.norm(np.cross(direction, np.diff(line_of(found), axis=0)[0])) < 0.05 * direction @ direction
+    assert np.linalg.norm(line_of(true).mean(axis=0) - line_of(found).mean(axis=0)) < 0.1
 
 
-def test_parents_stand_above_the_middle_of_their_children():
-    layout = tree_layout(nx.DiGraph([(0, 1), (0, 2), (2, 3), (2, 4)]), 0)
-    assert layout[2][0] == pytest.approx((layout[3][0] + layout[4][0]) / 2)
-    assert layout[0][1] > layout[1][1] == layout[2][1] > layout[3][1]
-    assert len({place for place in layout.values()}) == 5
+def test_a_truth_that_does_not_tell_the_tree_is_drawn_without_it(result, ingested):
+    unknown = ingested.truth.replace(parent=np.array([-1, -1]), joints=())
+    panels = by_title(draw(result, ingested.replace(truth=unknown)))
+    assert {"true tree: unknown", "2 true parts, 0 joints"} <= set(panels)
 
 
-def test_true_parts_stand_beside_the_predicted_ones_in_their_colours(result):
-    labels_true = 1 - result.labels  # the same parts by other numbers
-    figure = draw(result, labels_true)
-    titles = [axes.get_title() for axes in figure.axes]
-    assert (len(titles), titles[2]) == (5, "2 true parts")
-    np.testing.assert_array_equal(true_colours(result.labels, labels_true), part_colours(2)[result.labels])
-
-
-def test_a_true_part_that_was_not_found_has_a_colour_of_its_own():
-    labels, labels_true = np.array([0, 0, 0, 1]), np.array([0, 0, 2, 1])
-    colours = true_colours(labels, labels_true)
-    np.testing.assert_array_equal(colours[[0, 3]], part_colours(2))
-    assert not (colours[2] == part_colours(2)).all(axis=1).any()
+def test_an_svg_of_many_points_stays_small(result, tmp_path):
+    draw(result).savefig(tmp_path / "figure.svg", dpi=50)
+    content = (tmp_path / "figure.svg").read_text()
+    assert content.startswith("<?xml")
+    assert content.count("<image") >= 4
+    assert len(content) < 600_000

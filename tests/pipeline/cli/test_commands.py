@@ -59,10 +59,10 @@ def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     result = reart("status", *DATA)
     assert result.exit_code == 0
     assert "box" in result.stdout
-    assert result.stdout.count("missing") == 10
+    assert result.stdout.count("missing") == 11
 
 
-@pytest.mark.parametrize("command", ["fit", "run", "evaluate", "status", "inspect", "rerun", "export"])
+@pytest.mark.parametrize("command", ["fit", "run", "evaluate", "status", "inspect", "rerun", "figure", "export"])
 def test_every_command_explains_itself_with_an_example(reart, command):
     result = reart(command, "--help")
     assert result.exit_code == 0

@@ -1,6 +1,6 @@
 import numpy as np
 
-from stages.kernels.sampling import THINNING, farthest_points, normals, spacing, working_points
+from stages.kernels.sampling import THINNING, farthest_points, normals, spacing, thinned, working_points
 
 RNG = np.random.default_rng(0)
 
@@ -54,3 +54,11 @@ def test_working_points_of_a_cloud_that_need_not_be_thinned_are_the_farthest():
     cloud = RNG.normal(size=(THINNING * 10, 3))
     np.testing.assert_array_equal(working_points(cloud, 10), farthest_points(cloud, 10))
     np.testing.assert_array_equal(working_points(cloud[:7], 10), np.arange(7))
+
+
+def test_thinned_keeps_all_or_an_even_choice_in_order():
+    assert thinned(5, 5).tolist() == [0, 1, 2, 3, 4]
+    chosen = thinned(1000, 100)
+    assert len(set(chosen.tolist())) == 100
+    assert (np.diff(chosen) > 0).all()
+    assert 400 < chosen.mean() < 600

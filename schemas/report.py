@@ -1,0 +1,18 @@
+"""What the report stage writes beside report.html and report.png: what the model leaves of the frames."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float64
+from pydantic import Field
+
+from schemas.artifact import Artifact, Unit
+
+
+class Report(Artifact):
+    """Residuals of every part in every frame: root mean square nearest distances between model and frame."""
+
+    residuals: Annotated[Float64[np.ndarray, "frames parts"], Unit("% of the diagonal")]
+    sampling: float = Field(description="what a perfect model would leave, since frames are sampled independently: %")

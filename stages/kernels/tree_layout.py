@@ -1,0 +1,28 @@
+"""Where the nodes of a drawn tree stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import networkx as nx
+import numpy as np
+
+
+def tree_layout(links: Iterable[tuple[int, int]], root: int) -> dict[int, tuple[float, int]]:
+    """A place (x, depth) for each node: leaves side by side, a parent above the middle of its children.
+
+    `links` are pairs (parent, child) of a tree. No line crosses another; x goes from 1 to the number of leaves.
+    """
+    graph = nx.DiGraph()
+    graph.add_node(root)
+    graph.add_edges_from(links)
+    depth = nx.shortest_path_length(graph, root)
+    layout: dict[int, tuple[float, int]] = {}
+    leaves = 0
+    for node in nx.dfs_postorder_nodes(graph, root):
+        children = list(graph.successors(node))
+        if not children:
+            leaves += 1
+        x = float(np.mean([layout[child][0] for child in children])) if children else float(leaves)
+        layout[node] = (x, depth[node])
+    return layout

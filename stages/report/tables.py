@@ -1,0 +1,206 @@
+"""The page's tables and sliders as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from schemas.metrics import JointMetrics, Metrics
+from schemas.model_file import ModelFile, ModelJoint
+from schemas.scores import MEASURES
+from schemas.sequence import LENGTH_SYMBOLS
+from stages.kernels.colours import distinct_colours, hexadecimal
+from stages.report.drawings import states_svg
+from stages.summary import figures_of
+
+MEANINGS = {
+    "ari": "adjusted Rand index of the labels; 1 is the truth",
+    "ri": "Rand index of the labels",
+    "tree_edit_distance": "steps from the tree found to the true one",
+    "recon_cm": "mean distance of points from where they truly are",
+    "recon_percent": "the same, % of the diagonal",
+    "epe_cm": "mean error of the flow between frames",
+    "epe_percent": "the same, % of the diagonal",
+    "acc5": "share of the flow that is right within 5 mm or 0.5 %",
+    "acc10": "share of the flow that is right within 10 mm or 1 %",
+    "reanimation_cm": "mean distance in unseen poses, one point of each part given",
+    "reanimation_percent": "the same, % of the diagonal",
+    "chamfer_percent": "mean nearest distance between model and frames, % of the diagonal",
+    "axis_angle_deg": "median angle between found and true axes",
+    "axis_distance_percent": "median distance between them, % of the diagonal",
+    "joint_type_accuracy": "share of the joints found whose type is right",
+}
+HEADLINE = ("ari", "recon_percent", "epe_percent", "tree_edit_distance")
+
+
+def headline(model: ModelFile, metrics: Metrics | None) -> str:
+    """The few figures at the page's top."""
+    if metrics is None or metrics.parts_true is None:
+        return ""
+    figures = figures_of(metrics, {})
+    items = [f"<li><span>true parts</span> <b>{metrics.parts_true}</b></li>"]
+    for name in HEADLINE:
+        measure, value = MEASURES[name], getattr(figures, name)
+        if value is not None:
+            text = f"{_number(value, measure.decimals)} {measure.unit}".strip()
+            items.append(f'<li title="{MEANINGS[name]}"><span>{measure.title}</span> <b>{text}</b></li>')
+    return f'<ul class="headline">{"".join(items)}</ul>'
+
+
+def sliders(model: ModelFile) -> str:
+    """A row for each joint; a slider within its limits, three for a spherical one's rotation vector."""
+    colours = [hexadecimal(colour) for colour in distinct_colours(len(model.parts))]
+    rows = []
+    for joint in model.joints:
+        ends = " <span class='arrow'>→</span> ".join(badge(part, colours[part]) for part in (joint.parent, joint.child))
+        what = f"{joint.name}, {joint.type}, part {joint.parent} to part {joint.child}"
+        unit = _unit(model, joint)
+        fields = "".join(_slider(joint, lower, upper, about, unit, what) for lower, upper, about in _ranges(joint))
+        rows.append(f'<li><span>{ends} {escape(joint.name)}</span> <span class="kind">{joint.type}</span>{fields}</li>')
+    return f"<ol>{''.join(rows)}</ol>" if rows else '<p class="soft">One rigid part: nothing to move.</p>'
+
+
+def badge(part: int, colour: str) -> str:
+    """A part's number in a ring of its colour."""
+    return f'<span class="badge" style="--part:{colour}">{part}</span>'
+
+
+def parts_table(model: ModelFile) -> str:
+    """Points of each part, and their share."""
+    total = sum(part.point_count for part in model.parts) or 1
+    rows = []
+    for part, colour in zip(model.parts, distinct_colours(len(model.parts)), strict=True):
+        share, shade = part.point_count / total, hexadecimal(colour)
+        bar = f'<span class="bar" style="--part:{shade}"><i style="width:{100 * share:.0f}%"></i></span>'
+        root = " (root)" if part.id == model.root else ""
+        rows.append(
+            [f"{badge(part.id, shade)} {escape(part.name)}{root}", str(part.point_count), f"{bar}{100 * share:.1f} %"]
+        )
+    return table(("part", "points", "share"), rows)
+
+
+def joints_table(model: ModelFile) -> str:
+    """Type, links, axis, range, states and confidence of each joint."""
+    colours = [hexadecimal(colour) for colour in distinct_colours(len(model.parts))]
+    sure = any(joint.confidence for joint in model.joints)
+    rows = []
+    for joint in model.joints:
+        links = f"{badge(joint.parent, colours[joint.parent])} → {badge(joint.child, colours[joint.child])}"
+        states = [_magnitude(state) for state in joint.states]
+        row = [escape(joint.name), joint.type, links, _vector(joint.axis), _vector(joint.point), _range(model, joint)]
+        row.append(states_svg(states, model.canonical_frame))
+        if sure:
+            told = joint.confidence
+            row += ["-"] * 3 if told is None else [f"{value:.2f}" for value in (told.part, told.link, told.type)]
+        rows.append(row)
+    columns = ("joint", "type", "parts", "axis", f"point, {LENGTH_SYMBOLS[model.units]}", "range", "states")
+    return table(columns + (("sure of parts", "of link", "of type") if sure else ()), rows, words=(1, 2))
+
+
+def figures_table(metrics: Metrics) -> str:
+    """Every figure of the evaluation, and what it means."""
+    figures = figures_of(metrics, {})
+    rows = []
+    for name, meaning in MEANINGS.items():
+        text = _number(getattr(figures, name), MEASURES[name].decimals)
+        if text != "-":
+            rows.append([escape(_title(name)), text, escape(meaning)])
+    return table(("figure", "value", "meaning"), rows, loose=(2,))
+
+
+def true_joints_table(joints: Iterable[JointMetrics]) -> str:
+    """Each true joint against the one that was found in its place."""
+    rows = []
+    for joint in joints:
+        angle = joint.state_error if joint.true_type == "revolute" else None
+        error = _number(joint.state_error, 2) if angle is None else f"{np.degrees(angle):.1f}°"
+        rows.append(
+            [
+                escape(joint.name),
+                joint.true_type,
+                joint.predicted_type or "not found",
+                "-" if joint.axis_angle_deg is None else f"{joint.axis_angle_deg:.1f}°",
+                _number(joint.axis_distance_percent, 2),
+                error,
+                _number(joint.confidence, 2),
+            ]
+        )
+    columns = ("true joint", "type", "found", "axis off by", "axis distance, %", "states off by", "sure")
+    return table(columns, rows, words=(1, 2)) if rows else ""
+
+
+def table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int] = (), loose: Sequence[int] = ()
+) -> str:
+    """A table of cells that are HTML already. `words` are columns of text, `loose` ones may break their lines."""
+
+    def kind(column: int) -> str:
+        classes = " ".join(name for name, of in (("word", (*words, *loose)), ("loose", loose)) if column in of)
+        return f' class="{classes}"' if classes else ""
+
+    head = "".join(f'<th scope="col"{kind(i)}>{escape(title)}</th>' for i, title in enumerate(columns))
+    body = "".join(
+        f'<tr><th scope="row">{row[0]}</th>'
+        + "".join(f"<td{kind(i)}>{cell}</td>" for i, cell in enumerate(row[1:], start=1))
+        + "</tr>"
+        for row in rows
+    )
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _slider(joint: ModelJoint, lower: float, upper: float, about: str, unit: str, what: str) -> str:
+    disabled = " disabled" if upper - lower <= 0 else ""
+    low, high = (_value(value, unit) for value in (lower, upper))
+    if about:
+        low, what = f"{about} {low}", f"{what}, about {about}"
+    limits = f'min="{lower!r}" max="{upper!r}" step="any" value="0"'
+    return (
+        f'<div class="slider"><span class="low">{low}</span><input type="range" data-joint="{joint.id}" '
+        f'data-unit="{unit}" {limits} aria-label="{escape(what)}"{disabled}><span>{high}</span><output></output></div>'
+    )
+
+
+def _ranges(joint: ModelJoint) -> list[tuple[float, float, str]]:
+    """The limits of each of a joint's sliders, and the axis that it turns about where there are three."""
+    if joint.type != "spherical":
+        return [(joint.lower, joint.upper, "")]
+    most = max(abs(joint.lower), abs(joint.upper), *(_magnitude(state) for state in joint.states))
+    return [(-most, most, axis) for axis in "xyz"]
+
+
+def _magnitude(state: float | tuple[float, float, float]) -> float:
+    return float(np.linalg.norm(state)) if isinstance(state, tuple) else state
+
+
+def _unit(model: ModelFile, joint: ModelJoint) -> str:
+    if joint.type != "prismatic":
+        return "rad"
+    return "" if model.units == "unknown" else LENGTH_SYMBOLS[model.units]
+
+
+def _range(model: ModelFile, joint: ModelJoint) -> str:
+    unit = _unit(model, joint)
+    return f"{_value(joint.lower, unit)} to {_value(joint.upper, unit)}"
+
+
+def _value(value: float, unit: str) -> str:
+    """An angle in degrees, or a length with its unit."""
+    if unit == "rad":
+        return f"{round(np.degrees(value))}°"
+    return f"{value + 0.0:.3g} {unit}".strip()
+
+
+def _vector(p: Sequence[float]) -> str:
+    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in p)  # + 0.0: no "-0.000"
+
+
+def _title(name: str) -> str:
+    return f"{MEASURES[name].title} {MEASURES[name].unit}".strip()
+
+
+def _number(value: float | None, decimals: int) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.{decimals}f}".removesuffix(".0") if decimals == 1 else f"{value:.{decimals}f}"
