@@ -17,6 +17,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from schemas.model_file import ModelFile, Result
 from stages.kernels.matching import match_parts
+from stages.kernels.palette import part_colours
 
 AXIS_LENGTH = 0.12  # half length of a drawn joint axis, as a share of the diagonal
 JOINT_MARKS = {"revolute": "R", "prismatic": "P", "spherical": "S"}
@@ -61,14 +62,6 @@ def true_colours(
     own = len(np.unique(labels)) + np.arange(labels_true.max() + 1)
     colour_of = np.array([matched.get(part, own[part]) for part in range(len(own))])
     return part_colours(int(colour_of.max()) + 1)[colour_of[labels_true]]
-
-
-def part_colours(count: int) -> Float[np.ndarray, "parts 3"]:
-    """Colours that stay apart: hues by the golden ratio, lightness in turns."""
-    hues = (0.08 + np.arange(count) * 0.618034) % 1.0
-    saturation = np.where(np.arange(count) % 2, 0.65, 0.95)
-    value = np.where(np.arange(count) % 3 == 1, 0.6, 0.9)
-    return matplotlib.colors.hsv_to_rgb(np.column_stack([hues, saturation, value]))
 
 
 def _scatter(axes: Axes3D, p: Float[np.ndarray, "points 3"], colour: Any, title: str, bounds: tuple) -> None:

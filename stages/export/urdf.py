@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 from schemas.robot import Robot, RobotJoint, RobotLink
 from stages.export.markup import document, mesh_files, numbers
-from stages.figure import part_colours
+from stages.kernels.palette import part_colours
 
 FILE = "robot.urdf"
 

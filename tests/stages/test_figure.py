@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
-from stages.figure import draw, part_colours, tree_layout, true_colours
+from stages.figure import draw, tree_layout, true_colours
 from stages.final_fit import fit_final
+from stages.kernels.palette import part_colours
 from stages.projection import link_parts
 from stages.result import to_result
 
@@ -39,12 +40,6 @@ def test_draws_the_joint_axis_where_it_is(result):
     joint = result.model.joints[0]
     assert abs(direction @ np.array(joint.axis)) == pytest.approx(1)
     np.testing.assert_allclose(np.cross(ends[0] - np.array(joint.point), direction), 0, atol=1e-6)
-
-
-def test_colours_of_parts_differ():
-    colours = part_colours(30)
-    distances = np.linalg.norm(colours[:, None] - colours[None], axis=-1)
-    assert distances[~np.eye(30, dtype=bool)].min() > 0.05
 
 
 def test_parents_stand_above_the_middle_of_their_children():
