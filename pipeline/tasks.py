@@ -182,7 +182,7 @@ class ExportTask(StageTask):
 
 
 class EvaluationTask(StageTask):
-    stage, version, schema = "evaluation", 2, Metrics
+    stage, version, schema = "evaluation", 3, Metrics
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}

@@ -13,6 +13,7 @@ from schemas.metrics import JointMetrics, JointVerdict, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
 from stages.kernels.matching import match_parts
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
+from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
 UNITS_PER_METRE: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 100.0, "millimetre": 1000.0}
@@ -93,11 +94,10 @@ def reanimation_error(
     if len(truth.Ts_novel_first) == 0:
         return None
     told = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
-    free_root = not np.allclose(model.Ts_frame_canonical[:, model.root], np.eye(4), atol=1e-6)
     p_true = _moved(_since_canonical(truth.Ts_novel_first, truth, model), labels_true, p_canonical)
-    Ts_novel_canonical = np.stack(
-        [rearticulate(model, p_canonical[told], model.labels[told], p[told], free_root, iterations)[1] for p in p_true]
-    )
+    mechanism = Mechanism.of(model, free_root=root_moves(model.Ts_frame_canonical[:, model.root]))
+    found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
+    Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
     return _mean_distance(_moved(Ts_novel_canonical, model.labels, p_canonical), p_true)
 
 
