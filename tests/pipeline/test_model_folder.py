@@ -65,10 +65,23 @@ def test_arrays_that_do_not_fit_the_model_are_refused(folder, samples, field, va
         read_model_folder(folder)
 
 
+def test_motions_that_are_not_rigid_are_refused(folder, samples):
+    arrays = samples["result"].arrays()
+    np.savez(folder / "model.npz", **(arrays | {"T_frame_canonical": 2 * arrays["T_frame_canonical"]}))
+    with pytest.raises(InputError, match="T_frame_canonical: found others than rigid motions"):
+        read_model_folder(folder)
+
+
+def test_pickled_arrays_are_refused(folder, samples):
+    np.savez(folder / "model.npz", **(samples["result"].arrays() | {"labels": np.array([object()] * 4)}))
+    with pytest.raises(InputError, match=r"model\.npz: unreadable"):
+        read_model_folder(folder)
+
+
 def test_a_model_of_another_version_is_refused(folder):
     content = json.loads((folder / "model.json").read_text())
     (folder / "model.json").write_text(json.dumps(content | {"version": 2}))
-    with pytest.raises(InputError, match=r"version.*expected a model of version 1"):
+    with pytest.raises(InputError, match=r"version: .*\(found 2\); expected a model of version 1"):
         read_model_folder(folder)
 
 
