@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from pydantic import ValidationError
 from pipeline.files import write_atomically
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, Result
+from stages.ingest.readers import load_npz
 
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 
@@ -31,15 +31,11 @@ def read_model_folder(folder: Path) -> Result:
         model = ModelFile.model_validate_json(json_path.read_bytes())
     except ValidationError as error:
         raise InputError(f"{json_path}: {_first(error)}; expected a model of version 1, fit it anew") from error
+    arrays = load_npz(npz_path)
+    if missing := [name for name in ARRAYS if name not in arrays]:
+        raise InputError(f"{npz_path}: found no {missing[0]}, expected {', '.join(ARRAYS)}; fit the model anew")
     try:
-        with np.load(npz_path, allow_pickle=False) as arrays:
-            loaded = {name: arrays[name] for name in ARRAYS}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{npz_path}: unreadable ({error}); expected {', '.join(ARRAYS)}; fit the model anew"
-        ) from error
-    try:
-        result = Result(model=model, **loaded)
+        result = Result(model=model, **{name: arrays[name] for name in ARRAYS})
     except ValidationError as error:
         raise InputError(f"{npz_path}: {_first(error)}; fit the model anew") from error
     if problem := next(_contradictions(result), None):

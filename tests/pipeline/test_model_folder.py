@@ -74,7 +74,7 @@ def test_motions_that_are_not_rigid_are_refused(folder, samples):
 
 def test_pickled_arrays_are_refused(folder, samples):
     np.savez(folder / "model.npz", **(samples["result"].arrays() | {"labels": np.array([object()] * 4)}))
-    with pytest.raises(InputError, match=r"model\.npz: unreadable"):
+    with pytest.raises(InputError, match=r"model\.npz: cannot be read"):
         read_model_folder(folder)
 
 
