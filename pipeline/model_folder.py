@@ -95,3 +95,12 @@ def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
     for name in reversed(list(files)):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / name, files[name])
+
+
+def write_robot(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write descriptions and their meshes, and remove the meshes of earlier ones that no description here names."""
+    write_beside(folder, files)
+    named = "".join(path.read_text(encoding="utf-8") for path in folder.glob("robot.*"))
+    for mesh in (folder / "meshes").glob("part_*.stl"):
+        if f"meshes/{mesh.name}" not in named:
+            mesh.unlink()

@@ -163,7 +163,7 @@ class ResultTask(StageTask):
 
 
 class ExportTask(StageTask):
-    stage, version, schema = "export", 1, Robot
+    stage, version, schema = "export", 2, Robot
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "result": ResultTask(job=self.job)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline import store
-from pipeline.model_folder import frames_of_model, read_model_folder, write_beside
+from pipeline.model_folder import frames_of_model, read_model_folder, write_beside, write_robot
 from schemas.errors import InputError
 from schemas.manifest import Provenance
 from stages.result import result_files
@@ -91,3 +91,12 @@ def test_the_first_file_is_written_last(tmp_path, monkeypatch):
     write_beside(tmp_path, {"robot.urdf": b"", "meshes/a.stl": b"", "meshes/b.stl": b""})
     assert written[-1] == "robot.urdf"
     assert (tmp_path / "meshes").is_dir()
+
+
+def test_meshes_of_an_earlier_robot_go_but_for_those_that_a_description_still_names(tmp_path):
+    write_robot(tmp_path, {"robot.urdf": b"meshes/part_1.stl", "meshes/part_1.stl": b"1", "meshes/part_11.stl": b"1"})
+    (tmp_path / "meshes" / "mine.stl").touch()
+    write_robot(tmp_path, {"robot.xml": b"meshes/part_2.stl", "meshes/part_2.stl": b"2"})
+    assert {path.name for path in (tmp_path / "meshes").iterdir()} == {"part_1.stl", "part_2.stl", "mine.stl"}
+    write_robot(tmp_path, {"robot.urdf": b"meshes/part_2.stl"})
+    assert {path.name for path in (tmp_path / "meshes").iterdir()} == {"part_2.stl", "mine.stl"}

@@ -59,6 +59,14 @@ def test_another_folder_and_scale_may_be_given(reart, model):
     assert not (model / "robot.urdf").exists()
 
 
+def test_the_meshes_of_an_earlier_export_with_more_parts_go(reart, model):
+    reart("export", "chain", "--to", "urdf", "--set", "export.triangles=50")
+    (model / "meshes" / "part_3.stl").write_bytes(b"of an earlier model")
+    reart("export", "chain", "--to", "urdf", "--set", "export.triangles=50")
+    assert not (model / "meshes" / "part_3.stl").exists()
+    assert (model / "meshes" / "part_2.stl").exists()
+
+
 def test_an_unknown_unit_is_said_to_be_taken_for_a_metre(reart, model):
     edit(model, lambda content: content.update(units="unknown"))
     assert "--scale" in reart("export", "chain", "--to", "urdf", "--set", "export.triangles=50").stdout
