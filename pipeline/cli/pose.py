@@ -27,7 +27,7 @@ def pose(
         Path | None,
         typer.Option(
             help="Points of the canonical frame and where they are to lie, from one pair up: .csv with the columns "
-            "source_x,source_y,source_z,target_x,target_y,target_z, or .json or .npz with source and target of (N, 3)."
+            "source_x, source_y, source_z, target_x, target_y, target_z; .json or .npz with source and target, (N, 3)."
         ),
     ] = None,
     states: Annotated[
