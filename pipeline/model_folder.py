@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from pipeline.files import write_atomically
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, Result
-from stages.ingest.readers import load_npz
 
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 
@@ -31,6 +30,8 @@ def read_model_folder(folder: Path) -> Result:
         model = ModelFile.model_validate_json(json_path.read_bytes())
     except ValidationError as error:
         raise InputError(f"{json_path}: {_first(error)}; expected a model of version 1, fit it anew") from error
+    from stages.ingest.readers import load_npz  # the command line loads stages only where it needs them
+
     arrays = load_npz(npz_path)
     if missing := [name for name in ARRAYS if name not in arrays]:
         raise InputError(f"{npz_path}: found no {missing[0]}, expected {', '.join(ARRAYS)}; fit the model anew")
