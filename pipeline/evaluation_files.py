@@ -59,10 +59,11 @@ def copy_report(score: SequenceScore, workdir: Path, folder: Path) -> bool:
         return False
     directory = workdir / score.report
     try:
-        if problem := next(store.file_problems(directory, store.read_manifest(directory)), None):
+        contents = store.read_contents(directory)
+        if problem := next(store.file_problems(contents, store.read_manifest(directory)), None):
             raise store.CorruptArtifactError(directory, problem)
         for ending in COPIED:
-            write_atomically(folder / f"{score.sequence}{ending}", (directory / f"report{ending}").read_bytes())
+            write_atomically(folder / f"{score.sequence}{ending}", contents[f"report{ending}"])
         return True
     except (store.CorruptArtifactError, OSError) as error:
         logging.getLogger(OUR_LOGGER).warning("%s: no report (%s)", score.sequence, error)

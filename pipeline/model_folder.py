@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -31,20 +30,16 @@ def read_model_folder(folder: Path) -> Result:
     try:
         model = ModelFile.model_validate_json(json_path.read_bytes())
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{json_path}: {field}: {first['msg']}; expected a model of version 1, fit it anew") from error
+        raise InputError(f"{json_path}: {_first(error)}; expected a model of version 1, fit it anew") from error
+    from stages.ingest.readers import load_npz  # the command line loads stages only where it needs them
+
+    arrays = load_npz(npz_path)
+    if missing := [name for name in ARRAYS if name not in arrays]:
+        raise InputError(f"{npz_path}: found no {missing[0]}, expected {', '.join(ARRAYS)}; fit the model anew")
     try:
-        with np.load(npz_path, allow_pickle=False) as arrays:
-            loaded = {name: arrays[name] for name in ARRAYS}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{npz_path}: unreadable ({error}); expected {', '.join(ARRAYS)}; fit the model anew"
-        ) from error
-    try:
-        result = Result(model=model, **loaded)
+        result = Result(model=model, **{name: arrays[name] for name in ARRAYS})
     except ValidationError as error:
-        raise InputError(f"{npz_path}: {error.errors()[0]['msg']}; fit the model anew") from error
+        raise InputError(f"{npz_path}: {_first(error)}; fit the model anew") from error
     if problem := next(_contradictions(result), None):
         raise InputError(f"{folder}: {problem}; fit the model anew")
     return result
@@ -60,11 +55,18 @@ def _contradictions(result: Result) -> Iterator[str]:
         )
     if len(result.labels) == 0 or result.labels.min() < 0 or result.labels.max() >= parts:
         yield f"labels: found others than the parts of model.json, expected at least one, from 0..{parts - 1}"
-    for joint in model.joints:
-        if len(joint.states) != model.frames or not np.isfinite(np.array(joint.states, dtype=np.float64)).all():
-            yield f"joint {joint.name}: states: expected {model.frames} finite values, one for each frame"
-        if not abs(np.linalg.norm(joint.axis) - 1.0) < 1e-3 or not np.isfinite(joint.point).all():
-            yield f"joint {joint.name}: found axis {joint.axis} through {joint.point}, expected a unit axis"
+    R = result.T_frame_canonical[..., :3, :3]
+    if not np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), atol=1e-3) or (np.linalg.det(R) < 0).any():
+        yield "T_frame_canonical: found others than rigid motions, expected rotations and translations"
+
+
+def _first(error: ValidationError) -> str:
+    """The first of a file's faults: the field, what is wrong, and what was found if that is short."""
+    first = error.errors()[0]
+    if "error" in first.get("ctx", {}):  # said by one of our own checks, which names the field
+        return str(first["ctx"]["error"])
+    found = f" (found {first['input']!r})" if isinstance(first["input"], str | int | float) else ""
+    return f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}{found if first['loc'] else ''}"
 
 
 def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
@@ -102,3 +104,12 @@ def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
     for name in reversed(list(files)):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / name, files[name])
+
+
+def write_robot(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write descriptions and their meshes, and remove the meshes of earlier ones that no description here names."""
+    write_beside(folder, files)
+    named = "".join(path.read_text(encoding="utf-8") for path in folder.glob("robot.*"))
+    for mesh in (folder / "meshes").glob("part_*.stl"):
+        if f"meshes/{mesh.name}" not in named:
+            mesh.unlink()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from schemas.artifact import Artifact, Schema, Unit
 from schemas.sequence import JointType, LengthUnit
@@ -29,7 +30,10 @@ class JointConfidence(Schema):
 
 
 class ModelJoint(Schema):
-    """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates."""
+    """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates.
+
+    A spherical joint turns about `point` by its states, rotation vectors; `lower` and `upper` are of their lengths.
+    """
 
     id: int
     name: str
@@ -43,6 +47,21 @@ class ModelJoint(Schema):
     confidence: JointConfidence | None = None
     states: tuple[float | Vector, ...]
 
+    @model_validator(mode="after")
+    def _check_values(self) -> Self:
+        expected = 3 if self.type == "spherical" else 1
+        if any(np.size(state) != expected for state in self.states):
+            raise ValueError(f"joint {self.name}: states: expected {expected} numbers each, since it is {self.type}")
+        if not all(np.isfinite(state).all() for state in self.states):
+            raise ValueError(f"joint {self.name}: states: found NaN or infinity, expected finite values")
+        if not abs(np.linalg.norm(self.axis) - 1.0) < 1e-3 or not np.isfinite(self.point).all():
+            raise ValueError(
+                f"joint {self.name}: found axis {self.axis} through {self.point}, expected a unit axis through a point"
+            )
+        if not -np.inf < self.lower <= self.upper < np.inf:
+            raise ValueError(f"joint {self.name}: found limits {self.lower} to {self.upper}, expected lower <= upper")
+        return self
+
 
 class ModelFile(Schema):
     """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical."""
@@ -55,6 +74,42 @@ class ModelFile(Schema):
     root: int = Field(ge=0)
     parts: tuple[ModelPart, ...]
     joints: tuple[ModelJoint, ...]
+
+    def joints_from_root(self) -> list[ModelJoint]:
+        """The joints, each after its parent part's own."""
+        order: list[ModelJoint] = []
+        front = [self.root]
+        while front and len(order) <= len(self.joints):
+            here = [joint for joint in self.joints if joint.parent == front[0]]
+            front = [*front[1:], *(joint.child for joint in here)]
+            order += here
+        return order
+
+    @model_validator(mode="after")
+    def _check_model(self) -> Self:
+        if problem := next(self._contradictions(), None):
+            raise ValueError(problem)
+        return self
+
+    def _contradictions(self) -> Iterator[str]:
+        parts = list(range(len(self.parts)))
+        if [part.id for part in self.parts] != parts:
+            yield f"parts: found ids {[part.id for part in self.parts]}, expected {parts}"
+        for kind, names in (("parts", [p.name for p in self.parts]), ("joints", [j.name for j in self.joints])):
+            if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
+                yield f"{kind}: found the name {twice[0]!r} twice or empty, expected one for each"
+        children = [joint.child for joint in self.joints]
+        if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
+            yield (
+                f"joints: found a cycle, or parts that do not hang on the root by one joint each, "
+                f"expected a tree over {len(parts)} parts with root {self.root}"
+            )
+        if self.canonical_frame >= self.frames:
+            yield f"canonical_frame: found {self.canonical_frame}, expected one of the {self.frames} frames"
+        for joint in self.joints:
+            count = len(joint.states)
+            if count != self.frames:
+                yield f"joint {joint.name}: found {count} states, expected one for each of {self.frames} frames"
 
 
 class Result(Artifact):

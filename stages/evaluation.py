@@ -15,6 +15,7 @@ from stages.identifiability import tellable_points
 from stages.kernels.matching import match_parts
 from stages.kernels.sampling import working_points
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
+from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
 TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
@@ -118,11 +119,10 @@ def reanimation_error(
     if len(truth.Ts_novel_first) == 0:
         return None
     told = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
-    free_root = not np.allclose(model.Ts_frame_canonical[:, model.root], np.eye(4), atol=1e-6)
     p_true = _moved(_since_canonical(truth.Ts_novel_first, truth, model), labels_true, p_canonical)
-    Ts_novel_canonical = np.stack(
-        [rearticulate(model, p_canonical[told], model.labels[told], p[told], free_root, iterations)[1] for p in p_true]
-    )
+    mechanism = Mechanism.of(model, free_root=root_moves(model.Ts_frame_canonical[:, model.root]))
+    found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
+    Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
     return _mean_distance(_moved(Ts_novel_canonical, model.labels, p_canonical), p_true)
 
 

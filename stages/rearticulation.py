@@ -1,186 +1,233 @@
-"""Rearticulation: the joint states that bring a few points of a model to given places (A.7)."""
+"""Rearticulation: the joint states that bring a few points of a model, or many, to given places (A.7)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float64, Int64
 
-from schemas.kinematic import KinematicModel
-from stages.kernels import se3
-from stages.kernels.forward_kinematics import forward_kinematics
+from stages.mechanism import Mechanism
 
 STILLNESS = 1e-7
-"""Weight of a state's squared change against squared distances: settles what the targets leave open, and
-biases the rest by about 1e-5 of the diagonal at most."""
+"""Weight of a coordinate's squared change against squared distances while the best start is sought: of the poses that
+reach the targets, the one nearest to its start wins."""
 
-FREE_COLUMNS = {"revolute": (0,), "prismatic": (1,), "screw": (0, 1)}
-"""Which of (angle, distance) a joint of each type can change."""
+LEAST_NOISE, MOST_NOISE = 1e-4, 5e-3
+"""What a target is known to, as a share of the diagonal, as far as the fit does not tell. Changes of a radian, or of a
+diagonal, that move the targets less tell nothing: they are held to the start."""
 
-
-def rearticulate(
-    model: KinematicModel,
-    p_source: Float64[np.ndarray, "targets 3"],
-    parts: Int64[np.ndarray, "targets"],
-    p_target: Float64[np.ndarray, "targets 3"],
-    free_root: bool = False,
-    iterations: int = 200,
-) -> tuple[Float64[np.ndarray, "joints 2"], Float64[np.ndarray, "parts 4 4"]]:
-    """The states that bring points of the canonical frame, each moving with its part, closest to their targets.
-
-    Normalised frame, radians. Axes stay as they are; the root stays where it is in the canonical frame
-    unless `free_root`. Returns the joint states and `Ts_pose_canonical`, where each part's canonical
-    points then lie. Least squares by Levenberg-Marquardt from several starts at once: the canonical and
-    every observed frame, and quarter turns of all joints so that large motions are found too. Joints of
-    which no target tells stay as in the nearest of those frames (A.7).
-    """
-    problem = _Problem(model, p_source, parts, p_target, free_root)
-    poses = problem.starts()
-    damping = np.full(len(poses.cost), 1e-3)
-    settled = np.zeros(len(poses.cost), dtype=bool)
-    for _ in range(iterations):
-        step = problem.damped_step(poses, damping)
-        trial = problem.pose(problem.moved_root(poses.T_pose_root, step), poses.change + step)
-        better = trial.cost < poses.cost
-        settled |= np.where(better, poses.cost - trial.cost <= 1e-12 * poses.cost, damping >= 1e9)
-        poses = poses.where(better, trial)
-        damping = np.where(better, damping / 5, damping * 4).clip(1e-9, 1e9)
-        if settled.all():
-            break
-    best = int(np.argmin(poses.cost))
-    return problem.states(poses.change)[:, best], poses.Ts_pose_canonical[best]
+PRESSURE = 1e-9  # least fall of the squared distances with a coordinate that is told from rounding
+MOST_FRAMES = 12  # observed frames to start from: those nearest to the targets
 
 
 @dataclass(frozen=True)
-class _Poses:
-    """One pose of the model per start. `change` holds the free coordinates' distance from the start's reference."""
+class Rearticulation:
+    """A pose that was found: coordinates as in the mechanism, and where each part's canonical points lie then.
 
-    T_pose_root: Float64[np.ndarray, "starts 4 4"]
-    change: Float64[np.ndarray, "starts coordinates"]
-    Ts_pose_canonical: Float64[np.ndarray, "starts parts 4 4"]
-    cost: Float64[np.ndarray, "starts"]
+    `untold` says which share of each coordinate's change the targets do not tell: 0 to 1, where it is as in the start.
+    The targets press `bounded` coordinates against their limits.
+    """
 
-    def where(self, mask: Bool[np.ndarray, "starts"], other: _Poses) -> _Poses:
-        """The other's poses where the mask is set, this one's elsewhere."""
-        pairs = [(getattr(other, field.name), getattr(self, field.name)) for field in fields(self)]
-        return _Poses(*(np.where(mask.reshape(-1, *[1] * (new.ndim - 1)), new, old) for new, old in pairs))
+    coordinates: Float64[np.ndarray, "coordinates"]
+    Ts_pose_canonical: Float64[np.ndarray, "parts 4 4"]
+    untold: Float64[np.ndarray, "coordinates"]
+    bounded: Bool[np.ndarray, "coordinates"]
+
+
+def rearticulate(
+    mechanism: Mechanism,
+    p_source: Float64[np.ndarray, "targets 3"],
+    parts: Int64[np.ndarray, "targets"],
+    p_target: Float64[np.ndarray, "targets 3"],
+    iterations: int = 200,
+) -> Rearticulation:
+    """The pose that brings points of the canonical frame, each moving with its part, closest to their targets (A.7).
+
+    Normalised frame, radians. Least squares by Levenberg-Marquardt within the mechanism's limits, from several starts
+    at once: the canonical and the nearest observed frames, and quarter turns of all joints so that large motions are
+    found too. What the targets leave open stays as in the nearest of these frames. The time hardly grows with the
+    number of targets.
+    """
+    count = mechanism.observed.shape[1]
+    problem = _Problem(mechanism, *condensed(p_source, parts, p_target), STILLNESS * np.eye(count))
+    starts, references = problem.starts()
+    found, cost = problem.settled(starts, references, iterations)
+    best = int(np.argmin(cost))
+    reference = references[best, None]
+
+    residual, jacobian = (of_pose[0] for of_pose in problem.linearised(found[best, None]))
+    strength, direction = np.linalg.eigh(jacobian @ jacobian.T)
+    surplus = p_target.size - np.count_nonzero(strength > LEAST_NOISE**2)
+    left = residual @ residual / surplus if surplus > 0 else np.inf
+    variance = np.clip(left, LEAST_NOISE**2, MOST_NOISE**2)
+    weak = direction[:, strength < variance]
+    hold = weak @ weak.T  # onto the changes that are held to the start; all others are free now
+    problem = replace(problem, stiffness=variance * hold + 1e-6 * STILLNESS * np.eye(count))
+    start = problem.feasible(found[best, None] - (found[best] - reference) @ hold, reference)
+    coordinates = problem.settled(start, reference, iterations)[0]
+    return Rearticulation(
+        coordinates[0],
+        mechanism.tree.Ts_pose_canonical(coordinates)[0],
+        np.diagonal(hold),
+        problem.bounded(coordinates)[0],
+    )
+
+
+def condensed(
+    p_source: Float64[np.ndarray, "targets 3"],
+    parts: Int64[np.ndarray, "targets"],
+    p_target: Float64[np.ndarray, "targets 3"],
+) -> tuple[Float64[np.ndarray, "rows 4"], Int64[np.ndarray, "rows"], Float64[np.ndarray, "rows 3"]]:
+    """At most seven rows a part, (source times weight, weight) and target, for which every motion costs the same.
+
+    With P~ = (P, 1) a motion T leaves |P~ T' - Q|^2 = |(P~ Q) (T, -1)'|^2, which is that of the triangle of (P~ Q)'s
+    QR decomposition: exact, and without the cancellation of moments.
+    """
+    rows = np.concatenate([p_source, np.ones((len(p_source), 1)), p_target], axis=1)
+    groups = [(part, rows[parts == part]) for part in np.unique(parts)]
+    triangles = [(part, np.linalg.qr(group, mode="r") if len(group) > 7 else group) for part, group in groups]
+    stacked = np.concatenate([np.zeros((0, 7)), *(rows for _, rows in triangles)])
+    labels = np.repeat([part for part, _ in triangles], [len(rows) for _, rows in triangles]).astype(np.int64)
+    return stacked[:, :4], labels, stacked[:, 4:]
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """The least-squares problem. Its coordinates are the joints' free states, then the root's twist if it is free."""
+    """The least-squares problem: squared distances of condensed targets, and the change from a reference."""
 
-    model: KinematicModel
-    p_source: Float64[np.ndarray, "targets 3"]
-    parts: Int64[np.ndarray, "targets"]
-    p_target: Float64[np.ndarray, "targets 3"]
-    free_root: bool
+    mechanism: Mechanism
+    p_source: Float64[np.ndarray, "rows 4"]
+    parts: Int64[np.ndarray, "rows"]
+    p_target: Float64[np.ndarray, "rows 3"]
+    stiffness: Float64[np.ndarray, "coordinates coordinates"]
 
-    @cached_property
-    def free(self) -> Int64[np.ndarray, "free 2"]:
-        """(joint, column of its state) of every free joint coordinate."""
-        pairs = [(joint, c) for joint, kind in enumerate(self.model.joint_types) for c in FREE_COLUMNS[kind]]
-        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    def starts(self) -> tuple[Float64[np.ndarray, "starts coordinates"], Float64[np.ndarray, "starts coordinates"]]:
+        """Where to start from, and what each start is drawn to.
 
-    @cached_property
-    def turning(self) -> Int64[np.ndarray, "turning"]:
-        """The coordinates that are angles of joints."""
-        return np.flatnonzero(self.free[:, 1] == 0)
+        The canonical frame, every joint a quarter turn either way from it, and the nearest observed frames.
+        """
+        observed = self.mechanism.observed
+        nearest = np.argsort(self.cost(observed, observed), kind="stable")[:MOST_FRAMES]
+        references = np.concatenate([np.zeros((3, observed.shape[1])), observed[nearest]])
+        starts = references.copy()
+        starts[1, self.mechanism.angles], starts[2, self.mechanism.angles] = np.pi / 2, -np.pi / 2
+        return self.feasible(starts, references), references
 
-    @cached_property
-    def moves(self) -> Bool[np.ndarray, "joints parts"]:
-        """Which joint moves which part: its child and all that hangs on it."""
-        moves = np.zeros((len(self.model.joint_types), self.model.part_count), dtype=bool)
-        for joint in reversed(self.model.joints_from_root()):
-            child = self.model.joint_child[joint]
-            moves[joint] = moves[self.model.joint_parent == child].any(axis=0)
-            moves[joint, child] = True
-        return moves
-
-    @cached_property
-    def reference(self) -> Float64[np.ndarray, "joints starts 2"]:
-        """The states that each start is drawn to: canonical for the first three, then the observed frames'."""
-        canonical = np.zeros((len(self.model.joint_types), 3, 2))
-        return np.concatenate([canonical, self.model.states], axis=1)
-
-    def starts(self) -> _Poses:
-        """The canonical frame, every joint a quarter turn either way from it, and the observed frames."""
-        starts = self.reference.shape[1]
-        change = np.zeros((starts, len(self.free) + 6 * self.free_root))
-        change[1, self.turning], change[2, self.turning] = np.pi / 2, -np.pi / 2
-        T_pose_root = np.tile(np.eye(4), (starts, 1, 1))
-        if self.free_root:
-            T_pose_root[3:] = self.model.Ts_frame_canonical[:, self.model.root]
-        return self.pose(T_pose_root, change)
-
-    def states(self, change: Float64[np.ndarray, "starts coordinates"]) -> Float64[np.ndarray, "joints starts 2"]:
-        states = self.reference.copy()
-        states[self.free[:, 0], :, self.free[:, 1]] += change[:, : len(self.free)].T
-        return states
-
-    def moved_root(
-        self, T_pose_root: Float64[np.ndarray, "starts 4 4"], step: Float64[np.ndarray, "starts coordinates"]
-    ) -> Float64[np.ndarray, "starts 4 4"]:
-        if not self.free_root:
-            return T_pose_root
-        return se3.exp(torch.from_numpy(step[:, -6:])).numpy() @ T_pose_root
-
-    def pose(
-        self, T_pose_root: Float64[np.ndarray, "starts 4 4"], change: Float64[np.ndarray, "starts coordinates"]
-    ) -> _Poses:
-        """Forward kinematics and the cost: squared distances to the targets, and the squared change."""
-        change = change.copy()
-        change[:, self.turning] = (change[:, self.turning] + np.pi) % (2 * np.pi) - np.pi  # no whole turns
-        order = self.model.joints_from_root()
-        Ts = forward_kinematics(
-            torch.from_numpy(T_pose_root),
-            [(int(self.model.joint_parent[joint]), int(self.model.joint_child[joint])) for joint in order],
-            torch.from_numpy(self.model.axis[order]),
-            torch.from_numpy(self.model.point[order]),
-            torch.from_numpy(self.states(change)[order]),
-            self.model.root,
-        ).numpy()
-        distance2 = ((self.posed(Ts) - self.p_target) ** 2).sum(axis=(1, 2))
-        return _Poses(T_pose_root, change, Ts, distance2 + STILLNESS * (change**2).sum(axis=1))
-
-    def posed(self, Ts: Float64[np.ndarray, "starts parts 4 4"]) -> Float64[np.ndarray, "starts targets 3"]:
-        """Where the source points lie."""
-        return _transform(Ts[:, self.parts], self.p_source)
+    def settled(
+        self,
+        starts: Float64[np.ndarray, "starts coordinates"],
+        references: Float64[np.ndarray, "starts coordinates"],
+        iterations: int,
+    ) -> tuple[Float64[np.ndarray, "starts coordinates"], Float64[np.ndarray, "starts"]]:
+        """Every start followed down to where its cost is least, and that cost."""
+        found, cost = starts.copy(), self.cost(starts, references)
+        damping = np.full(len(starts), 1e-3)
+        active = np.arange(len(starts))
+        for _ in range(iterations):
+            here, reference = found[active], references[active]
+            trial = self.feasible(here + self.damped_step(here, reference, damping[active]), reference)
+            fall = cost[active] - self.cost(trial, reference)
+            better = fall > 0
+            found[active[better]] = trial[better]
+            cost[active] -= np.where(better, fall, 0.0)
+            damping[active] = np.where(better, damping[active] / 5, damping[active] * 4).clip(1e-9, 1e9)
+            active = active[np.where(better, fall > 1e-12 * cost[active], damping[active] < 1e9)]
+            if len(active) == 0:
+                break
+        return found, cost
 
     def damped_step(
-        self, poses: _Poses, damping: Float64[np.ndarray, "starts"]
-    ) -> Float64[np.ndarray, "starts coordinates"]:
-        """The Gauss-Newton step of every start, shortened by Marquardt's damping of the normal matrix' diagonal."""
-        p = self.posed(poses.Ts_pose_canonical)
-        jacobian = self._jacobian(poses.Ts_pose_canonical, p)
-        residual = (p - self.p_target).reshape(len(p), -1, 1)
-        gradient = jacobian @ residual + STILLNESS * poses.change[..., None]
-        normal = jacobian @ jacobian.transpose(0, 2, 1)
+        self,
+        coordinates: Float64[np.ndarray, "poses coordinates"],
+        references: Float64[np.ndarray, "poses coordinates"],
+        damping: Float64[np.ndarray, "poses"],
+    ) -> Float64[np.ndarray, "poses coordinates"]:
+        """The Gauss-Newton step within the limits, shortened by Marquardt's damping of the normal matrix' diagonal."""
+        residual, jacobian = self.linearised(coordinates)
+        gradient = (jacobian @ residual[..., None])[..., 0] + (coordinates - references) @ self.stiffness
+        forbidden = self.forbidden(coordinates, gradient)
+        allowed = np.eye(gradient.shape[1]) - forbidden
+        normal = allowed @ (jacobian @ jacobian.transpose(0, 2, 1) + self.stiffness) @ allowed
         diagonal = np.einsum("scc->sc", normal)  # a view
-        diagonal += STILLNESS
         diagonal *= 1 + damping[:, None]
-        return -np.linalg.solve(normal, gradient)[..., 0]
+        step: np.ndarray = np.linalg.solve(normal + forbidden, allowed @ gradient[..., None])[..., 0]
+        return -step
 
-    def _jacobian(
-        self, Ts: Float64[np.ndarray, "starts parts 4 4"], p: Float64[np.ndarray, "starts targets 3"]
-    ) -> Float64[np.ndarray, "starts coordinates residuals"]:
-        """How fast the posed points move: axis x (p - point) for a turn, axis for a slide, where a joint moves them."""
-        Ts_parent = Ts[:, self.model.joint_parent]
-        point = _transform(Ts_parent, self.model.point)
-        axis = _transform(Ts_parent, self.model.point + self.model.axis) - point
-        slide = np.broadcast_to(axis[:, :, None], (*axis.shape[:2], *p.shape[1:]))
-        turn = np.cross(slide, p[:, None] - point[:, :, None])
-        columns = np.stack([turn, slide], axis=2) * self.moves[:, self.parts][:, None, :, None]
-        jacobian = columns[:, self.free[:, 0], self.free[:, 1]]
-        if self.free_root:
-            slide = np.broadcast_to(np.eye(3)[:, None], (len(p), 3, *p.shape[1:]))
-            jacobian = np.concatenate([jacobian, np.cross(slide, p[:, None]), slide], axis=1)
-        return jacobian.reshape(*jacobian.shape[:2], p[0].size)
+    def cost(
+        self,
+        coordinates: Float64[np.ndarray, "poses coordinates"],
+        references: Float64[np.ndarray, "poses coordinates"],
+    ) -> Float64[np.ndarray, "poses"]:
+        offset = self.posed(self.mechanism.tree.Ts_pose_canonical(coordinates)) - self.p_target
+        change = coordinates - references
+        return (offset**2).sum(axis=(1, 2)) + ((change @ self.stiffness) * change).sum(axis=1)
+
+    def linearised(
+        self, coordinates: Float64[np.ndarray, "poses coordinates"]
+    ) -> tuple[Float64[np.ndarray, "poses residuals"], Float64[np.ndarray, "poses coordinates residuals"]]:
+        """The offsets from the targets, and how fast they grow with each coordinate."""
+        tree = self.mechanism.tree
+        Ts = tree.Ts_pose_canonical(coordinates)
+        twists = tree.twists(coordinates, Ts)[:, :, None]
+        p = self.posed(Ts)
+        jacobian = np.cross(twists[..., :3], p[:, None]) + twists[..., 3:] * self.p_source[:, 3:]
+        jacobian *= tree.moves[tree.joint][:, self.parts, None]
+        poses, count = coordinates.shape
+        residuals = self.p_target.size
+        return (p - self.p_target).reshape(poses, residuals), jacobian.reshape(poses, count, residuals)
+
+    def posed(self, Ts: Float64[np.ndarray, "poses parts 4 4"]) -> Float64[np.ndarray, "poses rows 3"]:
+        """Where the source points lie, times their weights."""
+        return (Ts[:, self.parts, :3] @ self.p_source[..., None])[..., 0]
+
+    def feasible(
+        self,
+        coordinates: Float64[np.ndarray, "poses coordinates"],
+        references: Float64[np.ndarray, "poses coordinates"],
+    ) -> Float64[np.ndarray, "poses coordinates"]:
+        """The same pose without whole turns more or less than the reference; within the limits where there are any."""
+        mechanism = self.mechanism
+        coordinates = coordinates.copy()
+        turning = mechanism.angles[np.isinf(mechanism.upper[mechanism.angles])]
+        coordinates[:, turning] -= 2 * np.pi * np.round((coordinates - references)[:, turning] / (2 * np.pi))
+        for ball in mechanism.balls:
+            turn = _nearest_turn(coordinates[:, ball], references[:, ball])
+            length = np.linalg.norm(turn, axis=1, keepdims=True)
+            coordinates[:, ball] = turn * np.minimum(1.0, mechanism.upper[ball] / np.maximum(length, 1e-12))
+        return coordinates.clip(mechanism.lower, mechanism.upper)
+
+    def forbidden(
+        self,
+        coordinates: Float64[np.ndarray, "poses coordinates"],
+        gradient: Float64[np.ndarray, "poses coordinates"],
+    ) -> Float64[np.ndarray, "poses coordinates coordinates"]:
+        """Onto the directions in which the cost falls beyond a limit: along a coordinate, or outwards of a ball."""
+        mechanism = self.mechanism
+        beyond = (coordinates >= mechanism.upper) & (gradient < 0) | (coordinates <= mechanism.lower) & (gradient > 0)
+        beyond[:, mechanism.balls] = False
+        forbidden = np.where(beyond[..., None], np.eye(beyond.shape[1]), 0.0)
+        for ball in mechanism.balls:
+            turn = coordinates[:, ball]
+            length = np.linalg.norm(turn, axis=1)
+            pressed = (length >= mechanism.upper[ball[0]] * (1 - 1e-12)) & ((turn * gradient[:, ball]).sum(1) < 0)
+            outwards = turn / np.maximum(length, 1e-12)[:, None] * pressed[:, None]
+            forbidden[:, ball[:, None], ball] = outwards[:, :, None] * outwards[:, None]
+        return forbidden
+
+    def bounded(self, coordinates: Float64[np.ndarray, "poses coordinates"]) -> Bool[np.ndarray, "poses coordinates"]:
+        """Which coordinates the targets press against their limits."""
+        residual, jacobian = self.linearised(coordinates)
+        gradient = (jacobian @ residual[..., None])[..., 0]
+        gradient[np.abs(gradient) < PRESSURE] = 0.0
+        return np.diagonal(self.forbidden(coordinates, gradient), axis1=1, axis2=2) > 0.0
 
 
-def _transform(Ts: Float64[np.ndarray, "*batch 4 4"], p: Float64[np.ndarray, "*batch 3"]) -> np.ndarray:
-    """Each point by its own transform."""
-    return (Ts[..., :3, :3] @ p[..., None])[..., 0] + Ts[..., :3, 3]
+def _nearest_turn(
+    turn: Float64[np.ndarray, "poses 3"], reference: Float64[np.ndarray, "poses 3"]
+) -> Float64[np.ndarray, "poses 3"]:
+    """Of a rotation vector and the one the other way round, that which is nearer to the reference."""
+    length = np.linalg.norm(turn, axis=1, keepdims=True)
+    other = turn * (1 - 2 * np.pi / np.maximum(length, 1e-6))
+    nearer = np.linalg.norm(other - reference, axis=1) < np.linalg.norm(turn - reference, axis=1)
+    return np.where(nearer[:, None] & (length > 1e-6), other, turn)

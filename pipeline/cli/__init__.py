@@ -13,6 +13,7 @@ from pipeline.cli.export import export
 from pipeline.cli.figure import figure
 from pipeline.cli.fit import fit
 from pipeline.cli.inspect import inspect
+from pipeline.cli.pose import pose
 from pipeline.cli.rerun import rerun
 from pipeline.cli.run import run
 from pipeline.cli.status import status
@@ -48,5 +49,5 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="From a sequence of point clouds of any articulated object to a model that moves again.",
 )
-for command in (fit, run, evaluate, status, inspect, rerun, figure, export):
+for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose):
     app.command()(command)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import SetOption, writable_folder
-from pipeline.model_folder import frames_of_model, read_model_folder, write_beside
+from pipeline.model_folder import frames_of_model, read_model_folder, write_robot
 from pipeline.presets import load_config
 from schemas.errors import InputError
 
@@ -59,7 +59,7 @@ def export(
     frames = frames_of_model(model, result)
     robot = describe(result, frames, config, model.resolve().name)
     files = WRITERS[to](robot)
-    write_beside(folder, files)
+    write_robot(folder, files)
     what = f"{len(frames)} frames" if frames else "the canonical frame only"
     typer.echo(f"{len(robot.links)} links, {len(robot.joints)} joints; meshes of the points of {what}")
     if robot.units == "unknown" and scale is None and config.metres_per_unit is None:

@@ -25,7 +25,7 @@ from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
 from pipeline.files import write_atomically
 from pipeline.launch import Outcome
-from pipeline.model_folder import write_beside
+from pipeline.model_folder import write_robot
 from pipeline.protocol import Request
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile, Result
@@ -90,10 +90,7 @@ def deliver(outcome: Outcome, out: Path) -> None:
     description = directory_of(outcome, "export")
     files = store.read_manifest(description).files
     names = [name for name in files if name.startswith(("robot.", "meshes/"))]
-    for stale in (out / "meshes").glob("part_*.stl"):  # of an earlier fit with more parts
-        if f"meshes/{stale.name}" not in names:
-            stale.unlink()
-    write_beside(out, {name: (description / name).read_bytes() for name in sorted(names, reverse=True)})
+    write_robot(out, {name: (description / name).read_bytes() for name in sorted(names, reverse=True)})
     report = directory_of(outcome, "report")
     store.read(report, Report)
     write_atomically(out / "report.html", (report / "report.html").read_bytes())

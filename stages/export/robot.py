@@ -56,7 +56,7 @@ def describe(
 ) -> Robot:
     """The robot description of a model; `frames`, in the input's coordinates, make its meshes denser where given.
 
-    Raises InputError for joints that no description holds (spherical) or that are no tree.
+    Raises InputError for joints that no description holds (spherical).
     """
     model = result.model
     check_exportable(model)
@@ -68,7 +68,7 @@ def describe(
     canonical, middle, diagonal = canonical * scale, middle * scale, diagonal * scale
     radius = config.reach * spacing(fused)
     bodies = [_body(fused[labels == part.id], radius, config).placed(diagonal, middle) for part in model.parts]
-    order = joints_from_root(model)
+    order = model.joints_from_root()
     origins = np.zeros((len(bodies), 3))
     for joint in order:
         axis, point = np.array(joint.axis), np.array(joint.point) * scale
@@ -98,36 +98,13 @@ def describe(
 
 
 def check_exportable(model: ModelFile) -> None:
-    """Raises InputError for a joint that is spherical, for names given twice, and for joints that are no tree."""
+    """Raises InputError for a spherical joint."""
     for joint in model.joints:
         if joint.type == "spherical":
             raise InputError(
                 f"model.json: joint {joint.name} is spherical, expected revolute or prismatic; "
                 "put two revolute joints in its place, or export another model"
             )
-    for kind, names in (("parts", [p.name for p in model.parts]), ("joints", [j.name for j in model.joints])):
-        if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
-            raise InputError(f"model.json: {kind}: found the name {twice[0]!r} twice or empty, expected one for each")
-    joints_from_root(model)
-
-
-def joints_from_root(model: ModelFile) -> list[ModelJoint]:
-    """The joints, each after its parent part's own. Raises InputError where they are no tree over all parts."""
-    parts = list(range(len(model.parts)))
-    if [part.id for part in model.parts] != parts:
-        raise InputError(f"model.json: parts: found ids {[part.id for part in model.parts]}, expected {parts}")
-    order: list[ModelJoint] = []
-    front = [model.root]
-    while front and len(order) <= len(model.joints):
-        here = [joint for joint in model.joints if joint.parent == front[0]]
-        front = [*front[1:], *(joint.child for joint in here)]
-        order += here
-    if sorted([model.root, *(joint.child for joint in model.joints)]) != parts or len(order) != len(model.joints):
-        raise InputError(
-            "model.json: joints: found a cycle, or parts that do not hang on the root by one joint each, "
-            f"expected a tree over {len(parts)} parts with root {model.root}; fit the model anew"
-        )
-    return order
 
 
 def _body(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Body:

@@ -14,9 +14,11 @@ FILE = "robot.urdf"
 def urdf_files(robot: Robot) -> dict[str, bytes]:
     """robot.urdf and the meshes that it names, by relative path. A moving base has a plain root, as URDF's way is."""
     root = ET.Element("robot", name=robot.name)
-    # read by MuJoCo, which otherwise looks for meshes beside the file, and drops the visible ones
+    # read by MuJoCo, which otherwise looks for meshes beside the file, drops the visible ones, and pushes links apart
+    # whose convex meshes overlap: URDF cannot exclude such pairs, as the MJCF does
     extension = ET.SubElement(root, "mujoco")
     ET.SubElement(extension, "compiler", meshdir="meshes", strippath="true", discardvisual="false")
+    ET.SubElement(ET.SubElement(extension, "option"), "flag", contact="disable")
     for index, colour in enumerate(distinct_colours(len(robot.links))):
         material = ET.SubElement(root, "material", name=f"colour_{index}")
         ET.SubElement(material, "color", rgba=numbers([*colour.round(3).tolist(), 1.0]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline import store
-from pipeline.model_folder import frames_of_model, read_model_folder, write_beside
+from pipeline.model_folder import frames_of_model, read_model_folder, write_beside, write_robot
 from schemas.errors import InputError
 from schemas.manifest import Provenance
 from stages.result import result_files
@@ -65,10 +65,23 @@ def test_arrays_that_do_not_fit_the_model_are_refused(folder, samples, field, va
         read_model_folder(folder)
 
 
+def test_motions_that_are_not_rigid_are_refused(folder, samples):
+    arrays = samples["result"].arrays()
+    np.savez(folder / "model.npz", **(arrays | {"T_frame_canonical": 2 * arrays["T_frame_canonical"]}))
+    with pytest.raises(InputError, match="T_frame_canonical: found others than rigid motions"):
+        read_model_folder(folder)
+
+
+def test_pickled_arrays_are_refused(folder, samples):
+    np.savez(folder / "model.npz", **(samples["result"].arrays() | {"labels": np.array([object()] * 4)}))
+    with pytest.raises(InputError, match=r"model\.npz: cannot be read"):
+        read_model_folder(folder)
+
+
 def test_a_model_of_another_version_is_refused(folder):
     content = json.loads((folder / "model.json").read_text())
     (folder / "model.json").write_text(json.dumps(content | {"version": 2}))
-    with pytest.raises(InputError, match=r"version.*expected a model of version 1"):
+    with pytest.raises(InputError, match=r"version: .*\(found 2\); expected a model of version 1"):
         read_model_folder(folder)
 
 
@@ -78,3 +91,12 @@ def test_the_first_file_is_written_last(tmp_path, monkeypatch):
     write_beside(tmp_path, {"robot.urdf": b"", "meshes/a.stl": b"", "meshes/b.stl": b""})
     assert written[-1] == "robot.urdf"
     assert (tmp_path / "meshes").is_dir()
+
+
+def test_meshes_of_an_earlier_robot_go_but_for_those_that_a_description_still_names(tmp_path):
+    write_robot(tmp_path, {"robot.urdf": b"meshes/part_1.stl", "meshes/part_1.stl": b"1", "meshes/part_11.stl": b"1"})
+    (tmp_path / "meshes" / "mine.stl").touch()
+    write_robot(tmp_path, {"robot.xml": b"meshes/part_2.stl", "meshes/part_2.stl": b"2"})
+    assert {path.name for path in (tmp_path / "meshes").iterdir()} == {"part_1.stl", "part_2.stl", "mine.stl"}
+    write_robot(tmp_path, {"robot.urdf": b"meshes/part_2.stl"})
+    assert {path.name for path in (tmp_path / "meshes").iterdir()} == {"part_2.stl", "mine.stl"}

@@ -45,7 +45,70 @@ def test_states_are_numbers_or_rotation_vectors(samples):
     content = json.loads(samples["result"].model.model_dump_json())
     for states in ([0.0, 0.1, 0.2], [[0.0, 0.1, 0.2]] * 3):
         content["joints"][0]["states"] = states
+        content["joints"][0]["type"] = "spherical" if isinstance(states[0], list) else "revolute"
         assert json.loads(ModelFile.model_validate(content).model_dump_json())["joints"][0]["states"] == states
     content["joints"][0]["states"] = [[0.0, 0.1]] * 3
     with pytest.raises(ValidationError):
         ModelFile.model_validate(content)
+
+
+def chain(links):
+    """Four parts with these (parent, child) joints."""
+    joint = {"type": "revolute", "axis": [0, 0, 1], "point": [0, 0, 0], "lower": 0, "upper": 1, "states": [0, 1]}
+    return {
+        "units": "metre",
+        "frames": 2,
+        "canonical_frame": 0,
+        "root": 0,
+        "parts": [{"id": i, "name": f"part_{i}", "point_count": 1} for i in range(4)],
+        "joints": [{"id": i, "name": f"j{i}", "parent": a, "child": b, **joint} for i, (a, b) in enumerate(links)],
+    }
+
+
+def test_joints_come_after_those_that_they_hang_on():
+    order = ModelFile.model_validate(chain([(3, 1), (0, 2), (2, 3)])).joints_from_root()
+    assert [(joint.parent, joint.child) for joint in order] == [(0, 2), (2, 3), (3, 1)]
+
+
+@pytest.mark.parametrize(
+    "links",
+    [
+        [(1, 2), (2, 3), (3, 1)],  # a cycle
+        [(0, 1), (1, 0), (2, 3)],
+        [(0, 1), (0, 2), (1, 2)],  # two parents
+        [(0, 1), (0, 2)],  # a part that hangs on nothing
+        [(0, 1), (0, 2), (0, 7)],
+        [(0, 1), (0, 2), (-1, 3)],
+    ],
+)
+def test_joints_that_are_no_tree_are_refused(links):
+    with pytest.raises(ValidationError, match="cycle"):
+        ModelFile.model_validate(chain(links))
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"name": "j1"}, "'j1' twice or empty"),
+        ({"name": ""}, "twice or empty"),
+        ({"states": [0]}, "joint j0: found 1 states, expected one for each of 2"),
+        ({"states": [0, float("nan")]}, "joint j0: states: found NaN"),
+        ({"states": [0, [0, 0, 0]]}, "joint j0: states: expected 1 numbers each, since it is revolute"),
+        ({"type": "spherical"}, "joint j0: states: expected 3 numbers"),
+        ({"axis": [0, 0, 2]}, "joint j0: found axis"),
+        ({"point": [0, 0, float("inf")]}, "joint j0: found axis"),
+        ({"lower": 2}, "joint j0: found limits 2.0 to 1.0"),
+        ({"upper": float("nan")}, "joint j0: found limits"),
+    ],
+)
+def test_a_joint_that_contradicts_itself_or_the_model_is_refused(change, complaint):
+    content = chain([(0, 1), (1, 2), (2, 3)])
+    content["joints"][0] |= change
+    with pytest.raises(ValidationError, match=complaint):
+        ModelFile.model_validate(content)
+
+
+@pytest.mark.parametrize("change", [{"root": 4}, {"canonical_frame": 2}, {"parts": []}])
+def test_a_model_that_contradicts_itself_is_refused(change):
+    with pytest.raises(ValidationError):
+        ModelFile.model_validate(chain([(0, 1), (1, 2), (2, 3)]) | change)

@@ -82,6 +82,19 @@ def test_a_thousand_steps_stay_finite_without_a_warning(exported, file):
     assert all(warning.number == 0 for warning in data.warning)
 
 
+@pytest.mark.parametrize("writer", WRITERS)
+def test_links_that_overlap_are_not_flung_apart(hinge, fit_of, tmp_path, writer):
+    robot = describe(fit_of(hinge), None, ExportConfig(triangles=400), "box")
+    files = WRITERS[writer](robot.replace(vertices=1.5 * robot.vertices))
+    (tmp_path / "meshes").mkdir()
+    for file, content in files.items():
+        (tmp_path / file).write_bytes(content)
+    model, data = load(tmp_path, next(iter(files)))
+    mujoco.mj_step(model, data)
+    assert data.ncon == 0
+    assert np.abs(data.qvel).max() < 0.2
+
+
 def test_limits_masses_and_inertias_are_those_of_the_description(exported):
     _, robot, folder = exported
     for file in ("robot.urdf", "robot.xml"):

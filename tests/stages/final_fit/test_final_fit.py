@@ -55,7 +55,8 @@ def test_motions_are_those_of_forward_kinematics(two_part_object):
 
 def test_the_fit_lowers_the_energy_and_reports_it(hinge):
     start = parts_of(hinge, 0.03)
-    none = CONFIG.model_copy(update={"iterations": 0, "last_iterations": 0, "prune_iterations": 0})
+    still = {"iterations": 0, "last_iterations": 0, "prune_iterations": 0, "hidden_links": False}
+    none = CONFIG.model_copy(update=still)
     before, after = fit(start, hinge, none).energies, fit(start, hinge).energies
     assert after.keys() == {"E_project", "E_group", "E_recons", "E_CD", "E_EMD", "E_flow", "E_fit"}
     assert after["E_recons"] < 0.97 * before["E_recons"]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from schemas.model_file import ModelFile, ModelPart, Result
+from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result
 from stages.report import residuals
 from stages.report.residuals import part_residuals, sampling_floor
 
@@ -15,7 +15,9 @@ def two_squares():
     T = np.tile(np.eye(4), (3, 2, 1, 1))
     T[:, 1, 2, 3] = [0, 0.1, 0.2]
     parts = tuple(ModelPart(id=i, name=f"part_{i}", point_count=500) for i in range(2))
-    model = ModelFile(units="metre", frames=3, canonical_frame=0, root=0, parts=parts, joints=())
+    lift = {"axis": (0, 0, 1), "point": (0, 0, 0), "lower": 0, "upper": 0.2, "states": (0, 0.1, 0.2)}
+    joint = ModelJoint(id=0, name="joint_0", parent=0, child=1, type="prismatic", **lift)
+    model = ModelFile(units="metre", frames=3, canonical_frame=0, root=0, parts=parts, joints=(joint,))
     result = Result(
         model=model, canonical_points=p.astype(np.float32), labels=np.repeat([0, 1], 500), T_frame_canonical=T
     )

@@ -1,0 +1,123 @@
+"""`reart pose`: a model in a new pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pipeline.cli.options import JsonOption, screen, writable_folder
+from pipeline.model_folder import read_model_folder, write_beside
+from schemas.errors import InputError
+from schemas.model_file import ModelFile
+from schemas.pose import Pose
+from schemas.sequence import LENGTH_SYMBOLS
+
+
+def pose(
+    model: Annotated[Path, typer.Argument(help="A folder with model.json and model.npz, or that model.json.")],
+    *,
+    targets: Annotated[
+        Path | None,
+        typer.Option(
+            help="Points of the canonical frame and where they are to lie, from one pair up: .csv with the columns "
+            "source_x, source_y, source_z, target_x, target_y, target_z; .json or .npz with source and target, (N, 3)."
+        ),
+    ] = None,
+    states: Annotated[
+        Path | None,
+        typer.Option(
+            help="Joint states: .json {joint: state}, .csv with the columns name,value, or a pose.json. "
+            "Joints that are not named stay as in the canonical frame."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Where posed.ply and pose.json go; without it nothing is written.")
+    ] = None,
+    limits: Annotated[
+        bool | None,
+        typer.Option(
+            "--limits/--no-limits",
+            help="Keep to the joints' observed ranges, lower to upper.",
+            show_default="states must, targets may lead beyond",
+        ),
+    ] = None,
+    free_base: Annotated[
+        bool | None,
+        typer.Option(
+            "--free-base/--fixed-base",
+            help="Whether targets may move the whole object, too.",
+            show_default="where it moved in the sequence",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Pose a model: by given joint states, or so that given points of it come closest to their targets.
+
+    Lengths are in the model's units, angles in radians. Joints of which the targets do not tell are named, and stay as
+    in the nearest observed frame.
+
+    Examples:
+
+    - `reart pose models/lamp --targets grasp.csv --out posed`
+
+    - `reart pose models/lamp --states posed/pose.json --json`
+    """
+    if (targets is None) == (states is None):
+        raise InputError("--targets, --states: found both or neither, expected one of them; give one")
+    result = read_model_folder(model.parent if model.name == "model.json" else model)
+    if out is not None:
+        writable_folder(out, "--out")
+    from pipeline.pose_files import pose_files, read_states, read_targets
+    from stages.posing import pose_by_states, pose_by_targets
+
+    if targets is not None:
+        source, target = read_targets(targets)
+        with naming(targets):
+            posed = pose_by_targets(result, source, target, limits=limits or False, free_base=free_base)
+    if states is not None:
+        given, T_pose_root = read_states(states)
+        with naming(states):
+            posed = pose_by_states(result, given, T_pose_root, limits=limits is not False)
+    if out is not None:
+        write_beside(out, pose_files(posed.pose, posed.points(result), result.labels))
+    if as_json:
+        print(posed.pose.model_dump_json(indent=1))
+    else:
+        show(posed.pose, result.model, screen())
+        if out is not None:
+            typer.echo(f"written: {out / 'posed.ply'}, {out / 'pose.json'}")
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before what is said of its content."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def show(pose: Pose, model: ModelFile, console: Console) -> None:
+    """A line a joint, how far the targets are missed, and what they do not tell."""
+    length = LENGTH_SYMBOLS[model.units]
+    table = Table("joint", "type", "state", "observed range", "")
+    for joint in model.joints:
+        unit = length if joint.type == "prismatic" else "rad"
+        remark = "not told by the targets" if joint.name in pose.undetermined else ""
+        remark = "at its limit" if joint.name in pose.at_limit else remark
+        state = " ".join(f"{value + 0.0:.4g}" for value in np.atleast_1d(pose.states[joint.name]))
+        limits = f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}"  # + 0.0: no "-0"
+        table.add_row(joint.name, joint.type, state, limits, remark)
+    console.print(table)
+    if pose.base_undetermined:
+        console.print("the targets do not tell all of the base's motion")
+    if pose.targets is not None:
+        count, fit = len(pose.targets.residuals), pose.targets
+        console.print(f"{count} targets, missed by {fit.rms:.4g} {length} RMS, {fit.greatest:.4g} {length} at most")

@@ -1,0 +1,192 @@
+"""The files of `reart pose`: targets and joint states from the user, a pose and posed points to other programs."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from pydantic import ValidationError
+
+from schemas.errors import InputError
+from schemas.pose import Pose, State
+from stages.ingest.point_formats import one_line
+from stages.ingest.readers import load_npz
+from stages.kernels.colours import distinct_colours
+
+TARGET_COLUMNS = ("source_x", "source_y", "source_z", "target_x", "target_y", "target_z")
+STATE_COLUMNS = ("name", "value")
+
+Points = Float64[np.ndarray, "targets 3"]
+
+
+def read_targets(path: Path) -> tuple[Points, Points]:
+    """Source points and their targets: .csv with TARGET_COLUMNS, .json or .npz with `source` and `target` (N, 3).
+
+    Raises InputError for any other file, for none at all and for values that are not finite.
+    """
+    source, target = _by_suffix(path, {".csv": _targets_of_csv, ".json": _targets_of_json, ".npz": _targets_of_npz})
+    if len(source) != len(target) or not len(source):
+        raise InputError(
+            f"{path}: found {len(source)} source points and {len(target)} targets, expected pairs; add them"
+        )
+    if len(bad := np.flatnonzero(~np.isfinite(np.concatenate([source, target], axis=1)).all(axis=1))):
+        raise InputError(f"{path}: row {bad[0] + 1}: found NaN or infinity, expected finite coordinates; leave it out")
+    return source, target
+
+
+def read_states(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
+    """Joint states by name and the root's motion: .csv with STATE_COLUMNS, .json {name: state}, or a pose.json.
+
+    A state is a number, or three of them (in .csv with blanks between); the root stays unless a pose.json moves it.
+    Raises InputError for any other file.
+    """
+    return _by_suffix(path, {".csv": _states_of_csv, ".json": _states_of_json})
+
+
+def pose_files(pose: Pose, p: Points, labels: Int64[np.ndarray, "points"]) -> dict[str, bytes]:
+    """The bytes of pose.json and posed.ply."""
+    return {"pose.json": pose.model_dump_json(indent=1).encode() + b"\n", "posed.ply": _ply(p, labels)}
+
+
+def _by_suffix(path: Path, readers: Mapping[str, Callable[[Path], Any]]) -> Any:
+    suffix = path.suffix.lower()
+    if suffix not in readers:
+        raise InputError(f"{path}: found {suffix or 'no ending'}, expected {', '.join(readers)}; convert it")
+    if not path.is_file():
+        raise InputError(f"{path}: not found, expected a {suffix} file; check the path")
+    return readers[suffix](path)
+
+
+def _targets_of_csv(path: Path) -> tuple[Points, Points]:
+    rows = _csv_rows(path, TARGET_COLUMNS)
+    values = [[_number(cell, f"{path}: line {line}") for cell in cells] for line, cells in rows]
+    table = np.array(values, dtype=np.float64).reshape(-1, 6)
+    return table[:, :3], table[:, 3:]
+
+
+def _targets_of_json(path: Path) -> tuple[Points, Points]:
+    content = _json_object(path)
+    return _positions(path, content, "source"), _positions(path, content, "target")
+
+
+def _targets_of_npz(path: Path) -> tuple[Points, Points]:
+    content = load_npz(path)
+    return _positions(path, content, "source"), _positions(path, content, "target")
+
+
+def _positions(path: Path, content: Mapping[str, Any], name: str) -> Points:
+    """One of the two arrays of a file."""
+    if name not in content:
+        found = ", ".join(content) or "neither"
+        raise InputError(f"{path}: found {found}, expected source and target, each of shape (N, 3); name them so")
+    try:
+        array = np.asarray(content[name])
+    except ValueError:  # rows of different lengths
+        array = np.empty(0, dtype=object)
+    if array.shape == (0,) and array.dtype != object:
+        array = array.reshape(0, 3)
+    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] != 3:
+        found = f"shape {array.shape}" if array.dtype.kind in "iuf" else "something else"
+        raise InputError(f"{path}: {name}: found {found}, expected numbers of shape (N, 3); correct it")
+    return array.astype(np.float64)
+
+
+def _states_of_csv(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
+    states: dict[str, State] = {}
+    for line, (name, value) in _csv_rows(path, STATE_COLUMNS):
+        where = f"{path}: line {line}"
+        if name in states:
+            raise InputError(f"{where}: found the joint {name!r} a second time, expected it once; remove one")
+        states[name] = _state([_number(cell, where) for cell in value.split()], f"{where}: {name}")
+    return states, np.eye(4)
+
+
+def _states_of_json(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
+    content = _json_object(path)
+    if "format" in content:
+        try:
+            pose = Pose.model_validate_json(path.read_bytes())
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(map(str, first["loc"])) or "the file"
+            raise InputError(f"{path}: {field}: {first['msg']}; expected a pose of version 1, pose it anew") from error
+        return pose.states, np.array(pose.T_pose_root)
+    values = {name: value if isinstance(value, list) else [value] for name, value in content.items()}
+    return {name: _state(value, f"{path}: {name}") for name, value in values.items()}, np.eye(4)
+
+
+def _state(values: list[Any], where: str) -> State:
+    if len(values) not in (1, 3) or not all(type(value) in (int, float) for value in values):
+        raise InputError(f"{where}: found {values}, expected a number, or three of a rotation vector; correct it")
+    if not np.isfinite(values).all():
+        raise InputError(f"{where}: found {values}, expected finite numbers; correct it")
+    if len(values) == 1:
+        return float(values[0])
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[tuple[int, list[str]]]:
+    """The rows below the header, with their lines."""
+    lines = [(line, cells) for line, cells in enumerate(csv.reader(_text(path).splitlines()), start=1) if any(cells)]
+    header = [cell.strip() for cell in lines[0][1]] if lines else []
+    if header != list(columns):
+        raise InputError(f"{path}: found the header {','.join(header)!r}, expected {','.join(columns)!r}; put it first")
+    for line, cells in lines[1:]:
+        if len(cells) != len(columns):
+            raise InputError(f"{path}: line {line}: found {len(cells)} values, expected {len(columns)}; correct it")
+    return [(line, [cell.strip() for cell in cells]) for line, cells in lines[1:]]
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"{where}: found {text[:40]!r}, expected a number; correct it") from error
+
+
+def _json_object(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(_text(path), object_pairs_hook=_without_doubles)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read as JSON ({one_line(error)}); correct it") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: found a {type(content).__name__}, expected an object, {{name: ...}}; correct it")
+    return content
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON. Raises ValueError where a name stands twice."""
+    names = [name for name, _ in pairs]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"found {twice[0]!r} a second time, expected it once")
+    return dict(pairs)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({one_line(error)}); save it as UTF-8") from error
+
+
+def _ply(p: Points, labels: Int64[np.ndarray, "points"]) -> bytes:
+    """Binary PLY with each point's part, and that part's colour."""
+    fields = [(axis, "<f4", "float") for axis in "xyz"]
+    fields += [(colour, "u1", "uchar") for colour in ("red", "green", "blue")]
+    fields += [("part", "<i4", "int")]
+    records = np.zeros(len(p), dtype=[(name, dtype) for name, dtype, _ in fields])
+    colours = (255 * distinct_colours(int(labels.max()) + 1)).round()[labels]
+    columns = np.concatenate([p, colours, labels[:, None]], axis=1)
+    for (name, _, _), column in zip(fields, columns.T, strict=True):
+        records[name] = column
+    header = "".join(f"property {kind} {name}\n" for name, _, kind in fields)
+    return (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(p)}\n{header}end_header\n".encode()
+        + records.tobytes()
+    )

@@ -1,0 +1,50 @@
+"""pose.json: a model's pose, as `reart pose` writes it and reads it back."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from schemas.artifact import Schema
+from schemas.model_file import Vector
+from schemas.sequence import LengthUnit
+
+State = float | Vector  # radians or input units; a rotation vector of a spherical joint
+Row = tuple[float, float, float, float]
+Transform = tuple[Row, Row, Row, Row]
+
+
+class TargetFit(Schema):
+    """How far the posed source points are from their targets, in the input's units."""
+
+    rms: float
+    greatest: float
+    residuals: tuple[float, ...]
+
+
+class Pose(Schema):
+    """The joints' states by name, and where the root's points of the canonical frame lie; input units, radians.
+
+    The targets do not tell the states of the `undetermined` joints, which stay as in the nearest observed frame, and
+    press those `at_limit` against their limits.
+    """
+
+    format: Literal["rearticulate/pose"] = "rearticulate/pose"
+    version: Literal[1] = 1
+    units: LengthUnit
+    states: dict[str, State]
+    T_pose_root: Transform
+    undetermined: tuple[str, ...] = ()
+    base_undetermined: bool = False
+    at_limit: tuple[str, ...] = ()
+    targets: TargetFit | None = Field(default=None, description="where the pose was found by targets")
+
+    @model_validator(mode="after")
+    def _check_root(self) -> Self:
+        T = np.array(self.T_pose_root)
+        R = T[:3, :3]
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0 or not np.isfinite(T).all():
+            raise ValueError("T_pose_root: found no rigid motion, expected a rotation and a translation")
+        return self

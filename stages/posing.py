@@ -1,0 +1,218 @@
+"""Posing: a fitted model brought to given joint states, or to where given points of it are to lie."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from schemas.errors import InputError
+from schemas.model_file import ModelJoint, Result
+from schemas.pose import Pose, State, TargetFit, Transform
+from stages.kernels.nearest import KDTree, nearest
+from stages.mechanism import Mechanism, root_moves
+from stages.rearticulation import rearticulate
+
+FARTHEST = 0.05  # of a source point from the canonical points, as a share of the diagonal
+UNTOLD = 0.05  # share of a coordinate's change that targets do not tell, from which on its joint is undetermined
+ROUNDING = 1e-9  # by which a state may be beyond a limit
+
+
+@dataclass(frozen=True)
+class PosedModel:
+    """A pose, and where each part's canonical points lie in it, in the input's units."""
+
+    pose: Pose
+    Ts_pose_canonical: Float64[np.ndarray, "parts 4 4"]
+
+    def points(self, result: Result) -> Float64[np.ndarray, "points 3"]:
+        """Where the canonical points lie."""
+        return _moved(self.Ts_pose_canonical[result.labels], result.canonical_points.astype(np.float64))
+
+
+def pose_by_states(
+    result: Result, states: Mapping[str, State], T_pose_root: Float64[np.ndarray, "4 4"], limits: bool = True
+) -> PosedModel:
+    """The model at given states; a joint that is not named stays as in the canonical frame.
+
+    Raises InputError for a joint that the model does not have, a state of another kind than the joint's, and with
+    `limits` for one outside them.
+    """
+    joints = {joint.name: joint for joint in result.model.joints}
+    for name, state in states.items():
+        if name not in joints:
+            raise InputError(
+                f"found the joint {name!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
+            )
+        _check_state(joints[name], state, limits)
+    space = _Space.of(result)
+    mechanism = space.mechanism(result, limits=False, free_base=False)
+    coordinates = np.zeros(mechanism.observed.shape[1])
+    for index, joint in enumerate(result.model.joints):
+        coordinates[mechanism.coordinates_of(index)] = np.divide(states.get(joint.name, 0.0), space.unit_of(joint))
+    Ts = T_pose_root @ space.to_input(mechanism.tree.Ts_pose_canonical(coordinates[None])[0])
+    rest = {joint.name: (0.0, 0.0, 0.0) if joint.type == "spherical" else 0.0 for joint in result.model.joints}
+    pose = Pose(units=result.model.units, states=rest | dict(states), T_pose_root=_transform(T_pose_root))
+    return PosedModel(pose, Ts)
+
+
+def pose_by_targets(
+    result: Result,
+    p_source: Float64[np.ndarray, "targets 3"],
+    p_target: Float64[np.ndarray, "targets 3"],
+    limits: bool = False,
+    free_base: bool | None = None,
+) -> PosedModel:
+    """The model's pose that brings points of the canonical frame closest to their targets (A.7).
+
+    A source point moves with the part of the canonical point nearest to it. The base moves too where `free_base`, or
+    by itself where it moved in the sequence. Input units. Raises InputError for a source point far off the object.
+    """
+    model, space = result.model, _Space.of(result)
+    parts = _parts_of(result, p_source, FARTHEST * space.scale)
+    if free_base is None:
+        free_base = root_moves(space.to_normalised(result.T_frame_canonical[:, model.root]))
+    mechanism = space.mechanism(result, limits, free_base)
+    found = rearticulate(mechanism, space.points(p_source), parts, space.points(p_target))
+    Ts = space.to_input(found.Ts_pose_canonical)
+    own = [mechanism.coordinates_of(joint) for joint in range(len(model.joints) + free_base)]
+    untold = [bool((found.untold[mine] > UNTOLD).any()) for mine in own]
+    bounded = [bool(found.bounded[mine].any()) for mine in own]
+    names = [joint.name for joint in model.joints]
+    residuals = np.linalg.norm(_moved(Ts[parts], p_source) - p_target, axis=1)
+    pose = Pose(
+        units=model.units,
+        states={
+            joint.name: _state(joint, found.coordinates[mine] * space.unit_of(joint), limits)
+            for joint, mine in zip(model.joints, own, strict=False)
+        },
+        T_pose_root=_transform(Ts[model.root]),
+        undetermined=tuple(name for name, is_so in zip(names, untold, strict=False) if is_so),
+        base_undetermined=free_base and untold[-1],
+        at_limit=tuple(name for name, is_so in zip(names, bounded, strict=False) if is_so),
+        targets=TargetFit(
+            rms=float(np.sqrt((residuals**2).mean())),
+            greatest=float(residuals.max()),
+            residuals=tuple(residuals.tolist()),
+        ),
+    )
+    return PosedModel(pose, Ts)
+
+
+@dataclass(frozen=True)
+class _Space:
+    """The normalised frame of a result: centred, with a bounding box whose diagonal is one."""
+
+    centre: Float64[np.ndarray, "3"]
+    scale: float
+
+    @classmethod
+    def of(cls, result: Result) -> _Space:
+        low, high = result.canonical_points.min(axis=0), result.canonical_points.max(axis=0)
+        scale = float(np.linalg.norm(high - low)) or 1.0
+        return cls((low.astype(np.float64) + high) / 2, scale)
+
+    def points(self, p: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
+        return (p - self.centre) / self.scale
+
+    def unit_of(self, joint: ModelJoint) -> float:
+        """What a state of one in the normalised frame is in the input's units."""
+        return self.scale if joint.type == "prismatic" else 1.0
+
+    def to_normalised(self, Ts: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 4 4"]:
+        """The same motions for points in the normalised frame."""
+        Ts = Ts.copy()
+        Ts[..., :3, 3] = (Ts[..., :3, :3] @ self.centre + Ts[..., :3, 3] - self.centre) / self.scale
+        return Ts
+
+    def to_input(self, Ts: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 4 4"]:
+        """The same motions for points in the input's coordinates."""
+        Ts = Ts.copy()
+        Ts[..., :3, 3] = self.scale * Ts[..., :3, 3] + self.centre - Ts[..., :3, :3] @ self.centre
+        return Ts
+
+    def mechanism(self, result: Result, limits: bool, free_base: bool) -> Mechanism:
+        """The model as it can be posed, within its limits where asked for."""
+        joints, model = result.model.joints, result.model
+        mechanism = Mechanism.assembled(
+            links=np.array([(joint.parent, joint.child) for joint in joints], dtype=np.int64).reshape(-1, 2),
+            types=[joint.type for joint in joints],
+            axis=np.array([joint.axis for joint in joints]).reshape(-1, 3),
+            point=self.points(np.array([joint.point for joint in joints]).reshape(-1, 3)),
+            states=[np.array(joint.states).reshape(model.frames, -1) / self.unit_of(joint) for joint in joints],
+            T_frame_root=self.to_normalised(result.T_frame_canonical[:, model.root]),
+            free_root=model.root if free_base else None,
+        )
+        if not limits:
+            return mechanism
+        lower, upper = mechanism.lower.copy(), mechanism.upper.copy()
+        for index, joint in enumerate(joints):
+            own = mechanism.coordinates_of(index)
+            upper[own] = joint.upper / self.unit_of(joint)
+            lower[own] = -joint.upper if joint.type == "spherical" else joint.lower / self.unit_of(joint)
+        return replace(mechanism, lower=lower, upper=upper)
+
+
+def _parts_of(
+    result: Result, p_source: Float64[np.ndarray, "targets 3"], farthest: float
+) -> Int64[np.ndarray, "targets"]:
+    """The part of the canonical point nearest to each source point."""
+    distance, index = nearest(KDTree(result.canonical_points.astype(np.float64)), p_source)
+    if len(far := np.flatnonzero(distance > farthest)):
+        first = far[0]
+        raise InputError(
+            f"row {first + 1}: found the source point {_words(p_source[first])}, {distance[first]:.4g} off the object"
+            f"{f' (and {len(far) - 1} other rows)' if len(far) > 1 else ''}, expected one within {farthest:.4g}; "
+            f"give points of the canonical frame {result.model.canonical_frame} in the model's own units"
+        )
+    return result.labels[index]
+
+
+def _check_state(joint: ModelJoint, state: State, limits: bool) -> None:
+    """Raises InputError for a state that the joint cannot have."""
+    if (joint.type == "spherical") != isinstance(state, tuple):
+        expected = "a rotation vector of three numbers" if joint.type == "spherical" else "one number"
+        raise InputError(
+            f"joint {joint.name}: found {state}, expected {expected}, since it is {joint.type}; correct it"
+        )
+    if not np.isfinite(state).all():
+        raise InputError(f"joint {joint.name}: found {state}, expected finite numbers; correct it")
+    size = np.linalg.norm(state) if isinstance(state, tuple) else state
+    slack = ROUNDING * (1 + abs(joint.upper - joint.lower))
+    if limits and not joint.lower - slack <= size <= joint.upper + slack:
+        what = "a rotation by" if joint.type == "spherical" else "the state"
+        raise InputError(
+            f"joint {joint.name}: found {what} {size:.6g}, expected one within its limits, "
+            f"{joint.lower:.6g} to {joint.upper:.6g}; correct it, or give --no-limits"
+        )
+
+
+def _state(joint: ModelJoint, coordinates: Float64[np.ndarray, "own"], limits: bool) -> State:
+    """A joint's state: an angle without limits is the one nearest to the observed range."""
+    if joint.type == "spherical":
+        x, y, z = coordinates.tolist()
+        return x, y, z
+    [state] = coordinates.tolist()
+    if limits:
+        return float(np.clip(state, joint.lower, joint.upper))
+    if joint.type == "revolute":
+        return float(state - 2 * np.pi * np.round((state - (joint.lower + joint.upper) / 2) / (2 * np.pi)))
+    return float(state)
+
+
+def _moved(
+    Ts: Float64[np.ndarray, "points 4 4"], p: Float64[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points 3"]:
+    moved: np.ndarray = np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
+    return moved
+
+
+def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:
+    a, b, c, d = (tuple(row) for row in T.tolist())
+    return a, b, c, d
+
+
+def _words(p: Float64[np.ndarray, "3"]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in p) + ")"
