@@ -13,6 +13,7 @@ from stages.kernels.screw import screw_transform
 from stages.projection import part_samples
 
 BODY, HOUSING, ARM = 0, 1, 2
+PRICE = 10.0  # these objects have few points
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def unseen(housed):
 
 
 def test_the_link_that_the_motion_needs_is_inserted(housed, unseen):
-    fit = insert_hidden_links(unseen[0], housed.frames, unseen[1], 8)
+    fit = insert_hidden_links(unseen[0], housed.frames, unseen[1], PRICE)
     np.testing.assert_array_equal(fit.labels, unseen[0].labels)
     assert fit.chain.parts == 3
     np.testing.assert_array_equal(fit.chain.parents(), [-1, 2, 0])
@@ -38,7 +39,7 @@ def test_the_link_that_the_motion_needs_is_inserted(housed, unseen):
 
 
 def test_the_link_gets_the_points_around_its_joint(housed, unseen):
-    fit = insert_hidden_links(unseen[0], housed.frames, unseen[1], 8)
+    fit = insert_hidden_links(unseen[0], housed.frames, unseen[1], PRICE)
     for _ in range(2):
         fit = housed.frames.refine(relabel(housed.frames.refine(fit, 8), housed.frames, 5, 1.5, 0.008), 8)
     found = np.array([BODY, ARM, HOUSING])[fit.labels]
@@ -49,7 +50,7 @@ def test_the_link_gets_the_points_around_its_joint(housed, unseen):
 
 
 def test_nothing_is_inserted_where_one_joint_is_enough(two_parts):
-    fit = insert_hidden_links(two_parts.fit, two_parts.frames, two_parts.chain.Ts(), 8)
+    fit = insert_hidden_links(two_parts.fit, two_parts.frames, two_parts.chain.Ts(), PRICE)
     assert fit.chain.parts == 2
     np.testing.assert_array_equal(fit.chain.parents(), [-1, 0])
 
@@ -66,7 +67,7 @@ def test_nothing_is_inserted_where_two_joints_do_not_explain_the_motion_either(h
     single = frames.refine(hinge_case.fit, 8)
     costs = [frames.point_costs(hinge_case.labels, motions).sum() for motions in (single.chain.Ts(), Ts)]
     assert costs[0] > 2 * costs[1]  # one joint is not enough either
-    assert insert_hidden_links(hinge_case.fit, frames, Ts, 8).chain.parts == 2
+    assert insert_hidden_links(hinge_case.fit, frames, Ts, PRICE).chain.parts == 2
 
 
 def turning(point):
@@ -78,7 +79,7 @@ def turning(point):
 
 def test_a_root_that_turns_about_one_axis_hangs_on_a_still_base(hinge_case):
     moved = hinge_case.moved(turning([-0.5, 0.1, 0.0]))
-    fit = insert_hidden_links(moved.fit, moved.frames, moved.chain.Ts(), 8)
+    fit = insert_hidden_links(moved.fit, moved.frames, moved.chain.Ts(), PRICE)
     chain = fit.chain
     assert (chain.parts, chain.root, chain.free_root) == (3, 2, False)
     np.testing.assert_array_equal(chain.parents(), [2, 0, -1])
@@ -93,6 +94,6 @@ def test_a_root_that_moves_freely_hangs_on_nothing(hinge_case):
     Ts = turning([0.0, 0.0, 0.0])
     Ts[:, :3, 3] += np.array([[0.1, 0, 0], [0, 0.1, 0.1], [0, 0, 0], [0, -0.1, 0.1], [-0.1, 0, 0]])
     moved = hinge_case.moved(Ts)
-    chain = insert_hidden_links(moved.fit, moved.frames, moved.chain.Ts(), 8).chain
+    chain = insert_hidden_links(moved.fit, moved.frames, moved.chain.Ts(), PRICE).chain
     assert (chain.parts, chain.root, chain.free_root) == (2, 0, True)
     np.testing.assert_allclose(chain.T_frame_root, Ts, atol=0.03)
