@@ -108,7 +108,7 @@ class AlternatingConfig(Schema):
     start_parts: int = Field(default=30, ge=1, description="parts that the flow is clustered into at the start")
     rounds: int = Field(default=5, ge=1, description="rounds of refining, relabelling, merging and splitting")
     closing_rounds: int = Field(default=2, ge=0, description="last rounds, in which nothing is split")
-    part_price: float = Field(default=12.0, ge=0, description="a part must lower the points' costs by more")
+    part_price: float = Field(default=4.0, ge=0, description="a part must lower the points' costs by more")
     boundary_price: float = Field(default=1.0, ge=0, description="price of a surface edge between two parts")
     truncation: float = Field(default=9.0, gt=0, description="most that one point can cost in one frame")
     attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
