@@ -133,17 +133,19 @@ class FinalFitTask(CandidateTask):
 
 
 class CanonicalFrameTask(StageTask):
-    stage, version, schema = "canonical_frame", 2, CanonicalChoice
+    stage, version, schema = "canonical_frame", 3, CanonicalChoice
 
     def requires(self) -> dict[str, StageTask]:
         config = self.job.config.canonical_frame
         tasks = [FinalFitTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
-        return {task.label: task for task in tasks}
+        return {"ingest": IngestTask(job=self.job)} | {task.label: task for task in tasks}
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> CanonicalChoice:
         from stages.canonical_frame import choose
 
-        return choose(list(inputs.values()), self.job.config.canonical_frame.by)
+        models = [model for name, model in inputs.items() if name != "ingest"]
+        config = self.job.config
+        return choose(models, inputs["ingest"].sequence, config.canonical_frame.by, config.final_fit)
 
 
 class ResultTask(StageTask):

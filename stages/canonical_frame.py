@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from schemas.config import CanonicalFrameConfig
+from schemas.config import CanonicalFrameConfig, FinalFitConfig
 from schemas.errors import InputError
 from schemas.kinematic import Candidate, CanonicalChoice, KinematicModel
+from schemas.sequence import PointSequence
+from stages.final_fit.shared_energy import shared_energies
 
 
 def candidate_frames(frame_count: int, config: CanonicalFrameConfig) -> tuple[int, ...]:
@@ -26,23 +28,29 @@ def candidate_frames(frame_count: int, config: CanonicalFrameConfig) -> tuple[in
     return tuple(nearest_first[rank % frame_count] for rank in range(config.candidates))
 
 
-def choose(models: Sequence[KinematicModel], by: Literal["fit", "project"]) -> CanonicalChoice:
+def choose(
+    models: Sequence[KinematicModel],
+    sequence: PointSequence,
+    by: Literal["fit", "project"],
+    final_fit: FinalFitConfig,
+) -> CanonicalChoice:
     """The candidate with the lowest energy, and all candidates' energies.
 
-    The energy is E_fit, what the final fit leaves of the frames and pays for parts (`fit`), or E_project + E_group as
-    published (`project`). Of equal candidates the first wins. Raises ValueError when there is none.
+    The energy is E_fit, what the final fit leaves of the frames and pays for parts, on clouds that all candidates share
+    (`fit`), or E_project + E_group as published (`project`). Of equal candidates the first wins. Raises ValueError when
+    there is none.
     """
+    if not models:
+        raise ValueError("canonical frame: found no candidate, expected at least one")
     candidates = tuple(
         Candidate(
             frame=model.canonical_frame,
             parts=model.part_count,
             e_project=model.energies["E_project"],
             e_group=model.energies["E_group"],
-            e_fit=model.energies["E_fit"],
+            e_fit=e_fit,
         )
-        for model in models
+        for model, e_fit in zip(models, shared_energies(models, sequence, final_fit), strict=True)
     )
-    if not candidates:
-        raise ValueError("canonical frame: found no candidate, expected at least one")
     energies = [one.e_fit if by == "fit" else one.e_project + one.e_group for one in candidates]
     return CanonicalChoice(candidates=candidates, model=models[energies.index(min(energies))])

@@ -6,23 +6,22 @@ import numpy as np
 
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.carry_over import seen_from
 
 
 def carry_over(model: RelaxedModel, sequence: PointSequence, canonical_frame: int) -> RelaxedModel:
-    """The model with `canonical_frame` as its canonical one.
-
-    Each of that frame's points gets the label of the nearest point that the model moves there; parts that no point
-    there shows are dropped.
-    """
+    """The model with `canonical_frame` as its canonical one; parts that no point there shows are dropped."""
     frames = sequence.frames()
-    Ts = model.Ts_frame_canonical
-    posed = move_points(Ts[canonical_frame, model.labels], frames[model.canonical_frame])
-    found = model.labels[nearest(KDTree(posed), frames[canonical_frame])[1]]
+    found, Ts = seen_from(
+        canonical_frame,
+        frames[canonical_frame],
+        frames[model.canonical_frame],
+        model.labels,
+        model.Ts_frame_canonical,
+    )
     used, labels = np.unique(found, return_inverse=True)
     return model.replace(
         canonical_frame=canonical_frame,
         labels=labels.astype(np.int64),
-        Ts_frame_canonical=np.ascontiguousarray((Ts @ np.linalg.inv(Ts[canonical_frame]))[:, used]),
+        Ts_frame_canonical=np.ascontiguousarray(Ts[:, used]),
     )

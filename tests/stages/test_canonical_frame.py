@@ -1,34 +1,52 @@
+import numpy as np
 import pytest
 
-from schemas.config import CanonicalFrameConfig, ProjectionConfig
+from schemas.config import CanonicalFrameConfig, FinalFitConfig, ProjectionConfig
 from schemas.errors import InputError
 from stages.canonical_frame import candidate_frames, choose
 from stages.projection import link_parts
 
-
-def candidate(truth, e_project, e_group, e_fit=0.0):
-    model = link_parts(
-        truth.sequence.frames()[2], truth.canonical_labels, truth.Ts_frame_canonical, 2, ProjectionConfig()
-    )
-    return model.replace(energies={"E_project": e_project, "E_group": e_group, "E_fit": e_fit})
+CONFIG = FinalFitConfig(points=400)
 
 
-@pytest.mark.parametrize(("by", "best"), [("project", 1), ("fit", 2)])
-def test_the_lowest_energy_wins(hinge, by, best):
-    models = [candidate(hinge, 3.0, 1.0, 0.2), candidate(hinge, 1.0, 2.0, 0.3), candidate(hinge, 0.5, 4.0, 0.1)]
-    choice = choose(models, by)
-    assert choice.model is models[best]
+def candidate(truth, e_project=0.0, e_group=0.0, frame=2, off=0.0):
+    """The true model as seen from a frame; its moving part `off` where it belongs in the others."""
+    Ts = truth.Ts_frame_canonical @ np.linalg.inv(truth.Ts_frame_canonical[frame])
+    Ts[np.arange(len(Ts)) != frame, 1, 2, 3] += off
+    p, labels = truth.sequence.frames()[frame], truth.labels[frame]
+    model = link_parts(p, labels, Ts, frame, ProjectionConfig())
+    return model.replace(energies={"E_project": e_project, "E_group": e_group, "E_fit": 0.0})
+
+
+def test_the_lowest_energy_of_projection_wins(hinge):
+    models = [candidate(hinge, 3.0, 1.0), candidate(hinge, 1.0, 2.0), candidate(hinge, 0.5, 4.0)]
+    choice = choose(models, hinge.sequence, "project", CONFIG)
+    assert choice.model is models[1]
     assert [c.e_project for c in choice.candidates] == [3.0, 1.0, 0.5]
 
 
+@pytest.mark.parametrize("worse", [0, 1])
+def test_the_better_fit_wins_whichever_its_canonical_frame(hinge, worse):
+    frames = (2, 1)
+    models = [candidate(hinge, frame=frames[k], off=0.02 * (k == worse)) for k in (0, 1)]
+    choice = choose(models, hinge.sequence, "fit", CONFIG)
+    assert choice.model is models[1 - worse]
+    assert choice.candidates[worse].e_fit > 1.2 * choice.candidates[1 - worse].e_fit
+
+
+def test_the_same_model_costs_the_same_from_any_frame(hinge):
+    one, other = choose([candidate(hinge), candidate(hinge, frame=3)], hinge.sequence, "fit", CONFIG).candidates
+    assert one.e_fit == pytest.approx(other.e_fit, rel=1e-6)
+
+
 def test_the_first_of_equals_wins(hinge):
-    models = [candidate(hinge, 1.0, 1.0), candidate(hinge, 1.0, 1.0)]
-    assert choose(models, "fit").model is models[0]
+    models = [candidate(hinge), candidate(hinge)]
+    assert choose(models, hinge.sequence, "fit", CONFIG).model is models[0]
 
 
-def test_no_candidate_is_an_error():
+def test_no_candidate_is_an_error(hinge):
     with pytest.raises(ValueError, match="at least one"):
-        choose([], "fit")
+        choose([], hinge.sequence, "fit", CONFIG)
 
 
 def test_candidates_are_the_middle_frame_and_its_neighbours():
