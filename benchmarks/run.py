@@ -84,7 +84,10 @@ def main(words: list[str] | None = None) -> int:
     arguments = _parser().parse_args(words)
     try:
         earlier = None if arguments.against is None else read_record(arguments.against)
-        record = run(arguments.set, read_set(arguments.set), arguments.workdir, arguments.workers, arguments.assets)
+        chosen = read_set(arguments.set)
+        if arguments.sequences is not None:
+            chosen = chosen.model_copy(update={"sequences": tuple(arguments.sequences.split(","))})
+        record = run(arguments.set, chosen, arguments.workdir, arguments.workers, arguments.assets)
         comparison = None
         if earlier is not None:
             comparison = compare(earlier.evaluation, record.evaluation, arguments.against.name)
@@ -223,6 +226,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("set", help="the name of a set, a file in benchmarks/sets")
     parser.add_argument("--workdir", type=Path, required=True, help="where artifacts go; a fresh one for timing")
     parser.add_argument("--assets", type=Path, help="a folder of robot descriptions, NAME/NAME.urdf")
+    parser.add_argument("--sequences", metavar="A,B", help="only these of the set")
     parser.add_argument("--workers", type=int, default=cores(), help="stages computed at a time; default: the cores")
     parser.add_argument("--against", type=Path, help="an earlier record: show what got better or worse since")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", help="where records are kept")
