@@ -115,7 +115,7 @@ class MergingTask(CandidateTask):
 
 
 class FinalFitTask(CandidateTask):
-    stage, version, schema = "final_fit", 4, KinematicModel
+    stage, version, schema = "final_fit", 5, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job

@@ -11,8 +11,9 @@ from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits
 from stages.kernels.articulation import Chain, Joint
 from stages.kernels.sampling import farthest_points
 
-LARGE = 0.04  # share of the points from which on a part is not tried
-FIRST_LOOK, HOPELESS = 2, 8.0  # after so few trials of the fit, a rise of so many prices is given up
+LARGE = 0.15  # share of the points from which on a part is not tried
+# a rise of so many prices is given up: before joints are refined, and after so few steps of it
+ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0
 
 
 def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
@@ -26,7 +27,10 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
             break
         part = names.index(name)
         for into in _neighbours(fit.chain, part):
-            joined = frames.refine(join(fit, frames, part, into), FIRST_LOOK)
+            joined = join(fit, frames, part, into)
+            if cost_of(joined, frames) >= cost + ABSURD * part_price:
+                continue
+            joined = frames.refine(joined, FIRST_LOOK)
             if cost_of(joined, frames) >= cost + HOPELESS * part_price:
                 continue
             joined = frames.refine(joined, iterations)
