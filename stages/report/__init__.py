@@ -67,12 +67,12 @@ def report_page(
     if labels_true is not None:
         colours = colours_of_true_parts(result.labels, labels_true, int(labels_true.max()) + 1)[labels_true]
     script = _resource("viewer.js")
-    modes = [mode for mode, there in (("points", True), ("meshes", robot), ("true", labels_true is not None)) if there]
+    there = {"points": True, "meshes": robot is not None, "true": labels_true is not None}
     return Template(_resource("page.html")).substitute(
         name=escape(name),
         facts=escape(_facts(model)),
         headline=headline(model, metrics),
-        modes="".join(_mode(mode) for mode in modes),
+        modes="".join(_mode(mode) for mode in MODES if there[mode]),
         last_frame=model.frames - 1,
         canonical=model.canonical_frame,
         sliders=sliders(model),
