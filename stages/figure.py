@@ -19,6 +19,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from schemas.model_file import Result
 from schemas.sequence import GroundTruth, IngestedSequence, JointType
 from stages.kernels.colours import colours_of_true_parts, distinct_colours
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import thinned
 from stages.kernels.tree_layout import tree_layout
 
@@ -95,7 +96,7 @@ def _fitted(result: Result, chosen: Int64[np.ndarray, "chosen"]) -> Model:
         name="",
         colours=distinct_colours(len(model.parts)),
         labels=labels,
-        p_frames=_moved(T, result.canonical_points[chosen].astype(np.float64)),
+        p_frames=move_points(T, result.canonical_points[chosen].astype(np.float64)),
         root=model.root,
         links=[(joint.parent, joint.child, JOINT_MARKS[joint.type]) for joint in model.joints],
         axes=[(joint.child, joint.type, np.array(joint.axis), np.array(joint.point)) for joint in model.joints],
@@ -126,18 +127,11 @@ def _true(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
         labels=labels_true[chosen],
-        p_frames=sequence.to_input(_moved(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
+        p_frames=sequence.to_input(move_points(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
         root=int(roots[0]) if len(roots) == 1 else None,  # several: the source does not tell the tree
         links=[(parent, child, types.get((parent, child), "")) for parent, child in linked],
         axes=axes,
     )
-
-
-def _moved(
-    Ts: Float64[np.ndarray, "frames points 4 4"], p: Float64[np.ndarray, "points 3"]
-) -> Float64[np.ndarray, "frames points 3"]:
-    """Every point by its own transforms."""
-    return (Ts[..., :3, :3] @ p[:, :, None])[..., 0] + Ts[..., :3, 3]
 
 
 def _set_up(axes: Axes3D, title: str, bounds: tuple[Float64[np.ndarray, "3"], float]) -> None:

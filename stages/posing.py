@@ -12,6 +12,7 @@ from schemas.errors import InputError
 from schemas.model_file import ModelJoint, Result
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.rigid_motion import move_points
 from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
@@ -29,7 +30,7 @@ class PosedModel:
 
     def points(self, result: Result) -> Float64[np.ndarray, "points 3"]:
         """Where the canonical points lie."""
-        return _moved(self.Ts_pose_canonical[result.labels], result.canonical_points.astype(np.float64))
+        return move_points(self.Ts_pose_canonical[result.labels], result.canonical_points.astype(np.float64))
 
 
 def pose_by_states(
@@ -81,7 +82,7 @@ def pose_by_targets(
     untold = [bool((found.untold[mine] > UNTOLD).any()) for mine in own]
     bounded = [bool(found.bounded[mine].any()) for mine in own]
     names = [joint.name for joint in model.joints]
-    residuals = np.linalg.norm(_moved(Ts[parts], p_source) - p_target, axis=1)
+    residuals = np.linalg.norm(move_points(Ts[parts], p_source) - p_target, axis=1)
     pose = Pose(
         units=model.units,
         states={
@@ -200,13 +201,6 @@ def _state(joint: ModelJoint, coordinates: Float64[np.ndarray, "own"], limits: b
     if joint.type == "revolute":
         return float(state - 2 * np.pi * np.round((state - (joint.lower + joint.upper) / 2) / (2 * np.pi)))
     return float(state)
-
-
-def _moved(
-    Ts: Float64[np.ndarray, "points 4 4"], p: Float64[np.ndarray, "points 3"]
-) -> Float64[np.ndarray, "points 3"]:
-    moved: np.ndarray = np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
-    return moved
 
 
 def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:
