@@ -10,7 +10,7 @@ from sklearn.metrics import adjusted_rand_score, rand_score
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
-from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
+from schemas.sequence import METRES, GroundTruth, IngestedSequence, LengthUnit, TrueJoint
 from stages.identifiability import tellable_points
 from stages.kernels.matching import match_parts
 from stages.kernels.rigid_motion import move_points
@@ -20,7 +20,6 @@ from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
 TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
-UNITS_PER_METRE: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 100.0, "millimetre": 1000.0}
 
 
 def evaluate(
@@ -236,7 +235,7 @@ def _accurate(
 
     Where the unit is unknown, `share` of the object's diagonal stands for the absolute threshold.
     """
-    absolute = share if units == "unknown" else share * UNITS_PER_METRE[units] / scale
+    absolute = share if units == "unknown" else share / METRES[units] / scale
     return (error <= absolute) | (error <= share * length)
 
 

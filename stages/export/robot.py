@@ -12,6 +12,7 @@ from schemas.config import ExportConfig
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelJoint, Result, Vector
 from schemas.robot import MeshRole, Robot, RobotJoint, RobotLink, RobotMesh, SolidKind
+from schemas.sequence import METRES
 from stages.export.geometry import cleaned, collision_meshes, fuse, joint_origin, part_mesh
 from stages.export.inertia import Solid, about_axis, solid_of
 from stages.kernels.meshing import Mesh, convex_hull
@@ -19,7 +20,6 @@ from stages.kernels.normalisation import Normalisation
 from stages.kernels.sampling import spacing
 from stages.mechanism import root_moves
 
-METRES = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001, "unknown": 1.0}
 HOLLOW = 0.25  # a mesh that encloses less of its hull is an open shell: then the hull's volume counts
 LEAST_MASS = 1e-3  # of a link, as a share of the robot's: simulators do not stand great ratios
 LEAST_RADIUS = 5e-3  # of a link's extent (RMS), as a share of the diagonal, for the same reason
@@ -61,7 +61,7 @@ def describe(
     """
     model = result.model
     check_exportable(model)
-    scale = config.metres_per_unit or METRES[model.units]
+    scale = config.metres_per_unit or METRES.get(model.units, 1.0)
     fused, labels = fuse(result, frames)
     space = Normalisation.of(result.canonical_points)
     middle, diagonal = result.canonical_points.astype(np.float64).mean(axis=0), space.scale

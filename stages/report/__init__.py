@@ -19,7 +19,7 @@ from schemas.model_file import ModelFile, Result
 from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import LENGTH_SYMBOLS, IngestedSequence, PointSequence
-from stages.figure import draw
+from stages.figure import counted, draw
 from stages.kernels.colours import colours_of_true_parts
 from stages.report.drawings import curves_svg, heat_svg, tree_svg
 from stages.report.residuals import part_residuals, sampling_floor
@@ -121,8 +121,8 @@ def _facts(model: ModelFile) -> str:
     kinds = [joint.type for joint in model.joints]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     unit = "unit unknown" if model.units == "unknown" else f"in {LENGTH_SYMBOLS[model.units]}"
-    joints = f"{_count(len(kinds), 'joint')}{f' ({counts})' if counts else ''}"
-    return f"{_count(len(model.parts), 'part')} · {joints} · {_count(model.frames, 'frame')} · {unit}"
+    joints = f"{counted(len(kinds), 'joint')}{f' ({counts})' if counts else ''}"
+    return f"{counted(len(model.parts), 'part')} · {joints} · {counted(model.frames, 'frame')} · {unit}"
 
 
 def _footer(model: ModelFile) -> str:
@@ -130,10 +130,6 @@ def _footer(model: ModelFile) -> str:
         f"Made by Rearticulate. All joints are at zero in frame {model.canonical_frame}, the canonical one. "
         "The view shows a choice of the points where there are very many."
     )
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _mode(mode: str) -> str:
