@@ -43,9 +43,9 @@ from schemas.manifest import Manifest
 from schemas.model_file import ModelJoint, Result
 from schemas.sequence import IngestedSequence
 from stages.export import WRITERS, describe
-from stages.ingest.roboart.surface import move
 from stages.ingest.sources import list_sources
 from stages.kernels.nearest import KDTree
+from stages.kernels.rigid_motion import move_points
 
 STEPS = 1000
 PLACE = 1e-5  # most that a part may be off, as a share of the diagonal
@@ -141,8 +141,9 @@ class Exported:
         for part in self.result.model.parts:
             own = everywhere[self.result.labels == part.id]
             p = own if len(own) else everywhere
-            expected = self.scale * move(Ts_model[part.id], p)
-            worst = max(worst, float(np.linalg.norm(move(Ts[part.name], self.scale * p) - expected, axis=1).max()))
+            expected = self.scale * move_points(Ts_model[part.id], p)
+            found = move_points(Ts[part.name], self.scale * p)
+            worst = max(worst, float(np.linalg.norm(found - expected, axis=1).max()))
         return 100 * worst / self.diagonal
 
 
@@ -224,7 +225,7 @@ def true_surface(ingested: IngestedSequence, canonical_frame: int) -> Float64[np
     clouds = []
     for frame, own, Ts in zip(sequence.frames(), labels, truth.Ts_frame_first, strict=True):
         Ts_back = (truth.Ts_frame_first[canonical_frame] @ np.linalg.inv(Ts))[own]
-        clouds.append(np.einsum("nij,nj->ni", Ts_back[:, :3, :3], frame) + Ts_back[:, :3, 3])
+        clouds.append(move_points(Ts_back, frame))
     return sequence.to_input(np.concatenate(clouds))
 
 

@@ -84,15 +84,16 @@ def _positions(path: Path, content: Mapping[str, Any], name: str) -> Points:
     if name not in content:
         found = ", ".join(content) or "neither"
         raise InputError(f"{path}: found {found}, expected source and target, each of shape (N, 3); name them so")
+    expected = "expected numbers of shape (N, 3); correct it"
     try:
         array = np.asarray(content[name])
-    except ValueError:  # rows of different lengths
-        array = np.empty(0, dtype=object)
-    if array.shape == (0,) and array.dtype != object:
+    except ValueError as error:
+        raise InputError(f"{path}: {name}: found rows of different lengths, {expected}") from error
+    if array.shape == (0,):
         array = array.reshape(0, 3)
     if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] != 3:
-        found = f"shape {array.shape}" if array.dtype.kind in "iuf" else "something else"
-        raise InputError(f"{path}: {name}: found {found}, expected numbers of shape (N, 3); correct it")
+        found = f"shape {array.shape}" if array.dtype.kind in "iuf" else "values that are no numbers"
+        raise InputError(f"{path}: {name}: found {found}, {expected}")
     return array.astype(np.float64)
 
 
@@ -156,7 +157,7 @@ def _json_object(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as JSON ({one_line(error)}); correct it") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: found a {type(content).__name__}, expected an object, {{name: ...}}; correct it")
+        raise InputError(f"{path}: found {json.dumps(content)[:40]}, expected an object, {{name: ...}}; correct it")
     return content
 
 

@@ -85,14 +85,17 @@ def publish(
 def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
     """Read and check an artifact. Raises CorruptArtifactError for anything that is not as it was written."""
     manifest = read_manifest(directory)
-    contents = read_contents(directory)
-    if problem := next(file_problems(contents, manifest), None):
-        raise CorruptArtifactError(directory, problem)
+    contents = _checked_contents(directory, manifest)
     arrays = {entry.name: read_entry(directory, entry, contents) for entry in manifest.arrays}
     try:
         return assemble(schema, manifest.payload, arrays)
     except (ValidationError, KeyError) as error:
         raise CorruptArtifactError(directory, f"not a {schema.__name__}: {' '.join(str(error).split())}") from error
+
+
+def read_files(directory: Path) -> dict[str, bytes]:
+    """What `read_contents` gives, checked. Raises CorruptArtifactError for anything that is not as it was written."""
+    return _checked_contents(directory, read_manifest(directory))
 
 
 def read_manifest(directory: Path) -> Manifest:
@@ -142,6 +145,13 @@ def file_problems(contents: Mapping[str, bytes], manifest: Manifest) -> Iterator
             yield f"{name}: not part of what was written"
         elif found[name] != manifest.files[name]:
             yield f"{name}: its bytes were changed (its digest differs)"
+
+
+def _checked_contents(directory: Path, manifest: Manifest) -> dict[str, bytes]:
+    contents = read_contents(directory)
+    if problem := next(file_problems(contents, manifest), None):
+        raise CorruptArtifactError(directory, problem)
+    return contents
 
 
 def sweep(workdir: Path) -> None:

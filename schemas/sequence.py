@@ -19,6 +19,8 @@ LENGTH_SYMBOLS: dict[LengthUnit, str] = {
     "millimetre": "mm",
     "unknown": "input units",
 }
+METRES: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001}
+JOINT_MARKS: dict[JointType, str] = {"revolute": "R", "prismatic": "P", "spherical": "S"}
 
 
 class PointSequence(Artifact):

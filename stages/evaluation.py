@@ -10,16 +10,16 @@ from sklearn.metrics import adjusted_rand_score, rand_score
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
-from schemas.sequence import GroundTruth, IngestedSequence, LengthUnit, TrueJoint
+from schemas.sequence import METRES, GroundTruth, IngestedSequence, LengthUnit, TrueJoint
 from stages.identifiability import tellable_points
 from stages.kernels.matching import match_parts
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import working_points
 from stages.kernels.tree_edit_distance import unordered_tree_edit_distance
 from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
 TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
-UNITS_PER_METRE: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 100.0, "millimetre": 1000.0}
 
 
 def evaluate(
@@ -33,7 +33,7 @@ def evaluate(
     sequence, truth = ingested.sequence, ingested.truth
     frames = sequence.frames()
     p_canonical = frames[model.canonical_frame]
-    p_predicted = _moved(model.Ts_frame_canonical, model.labels, p_canonical)
+    p_predicted = move_points(model.Ts_frame_canonical[:, model.labels], p_canonical)
     metrics = Metrics(
         units=sequence.units,
         diagonal=sequence.scale,
@@ -46,7 +46,7 @@ def evaluate(
     labels_of_frames = np.split(truth.labels, np.cumsum(sequence.point_counts)[:-1])
     labels_true = labels_of_frames[model.canonical_frame]
     Ts_true = _since_canonical(truth.Ts_frame_first, truth, model)
-    p_true = _moved(Ts_true, labels_true, p_canonical)
+    p_true = move_points(Ts_true[:, labels_true], p_canonical)
     recon = _mean_distance(p_predicted, p_true)
     flow_error = np.linalg.norm(np.diff(p_predicted, axis=0) - np.diff(p_true, axis=0), axis=-1)
     flow_length = np.linalg.norm(np.diff(p_true, axis=0), axis=-1)
@@ -119,11 +119,11 @@ def reanimation_error(
     if len(truth.Ts_novel_first) == 0:
         return None
     told = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
-    p_true = _moved(_since_canonical(truth.Ts_novel_first, truth, model), labels_true, p_canonical)
+    p_true = move_points(_since_canonical(truth.Ts_novel_first, truth, model)[:, labels_true], p_canonical)
     mechanism = Mechanism.of(model, free_root=root_moves(model.Ts_frame_canonical[:, model.root]))
     found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
     Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
-    return _mean_distance(_moved(Ts_novel_canonical, model.labels, p_canonical), p_true)
+    return _mean_distance(move_points(Ts_novel_canonical[:, model.labels], p_canonical), p_true)
 
 
 def joint_errors(
@@ -235,7 +235,7 @@ def _accurate(
 
     Where the unit is unknown, `share` of the object's diagonal stands for the absolute threshold.
     """
-    absolute = share if units == "unknown" else share * UNITS_PER_METRE[units] / scale
+    absolute = share if units == "unknown" else share / METRES[units] / scale
     return (error <= absolute) | (error <= share * length)
 
 
@@ -244,15 +244,6 @@ def _since_canonical(
 ) -> Float64[np.ndarray, "frames parts 4 4"]:
     """True motions from where the parts are in the canonical frame, given motions from frame 0."""
     return Ts_first @ np.linalg.inv(truth.Ts_frame_first[model.canonical_frame])
-
-
-def _moved(
-    Ts: Float64[np.ndarray, "frames parts 4 4"],
-    labels: Int64[np.ndarray, "points"],
-    p: Float64[np.ndarray, "points 3"],
-) -> Float64[np.ndarray, "frames points 3"]:
-    """Points moved with their parts, in every frame."""
-    return (Ts[:, labels, :3, :3] @ p[:, :, None])[..., 0] + Ts[:, labels][..., :3, 3]
 
 
 def _mean_distance(p: Float64[np.ndarray, "frames points 3"], q: Float64[np.ndarray, "frames points 3"]) -> float:

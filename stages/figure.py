@@ -17,14 +17,14 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from schemas.model_file import Result
-from schemas.sequence import GroundTruth, IngestedSequence, JointType
+from schemas.sequence import JOINT_MARKS, GroundTruth, IngestedSequence, JointType
 from stages.kernels.colours import colours_of_true_parts, distinct_colours
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import thinned
 from stages.kernels.tree_layout import tree_layout
 
 AXIS_LENGTH = 0.24  # half length of a drawn joint axis, as a share of half the longest side
 AXIS_COLOUR = "#d11f2a"
-JOINT_MARKS = {"revolute": "R", "prismatic": "P", "spherical": "S"}
 MOST_POINTS = 5000  # that a panel shows
 ARROWS = 800  # of an implied flow
 PANEL = 3.6  # inches
@@ -74,11 +74,11 @@ def draw(result: Result, ingested: IngestedSequence | None = None) -> Figure:
         _set_up(axes, title, bounds)
         return axes
 
-    _input(scene(grid[:, 0], f"input, {_count(len(inputs), 'frame')}, late ones light"), inputs)
+    _input(scene(grid[:, 0], f"input, {counted(len(inputs), 'frame')}, late ones light"), inputs)
     for row, model in enumerate(models):
         colours = model.colours[model.labels]
-        found = _count(len(np.unique(model.labels)), f"{model.name}part")
-        parts = scene(grid[row, 1], f"{found}, {_count(len(model.axes), 'joint')}")
+        found = counted(len(np.unique(model.labels)), f"{model.name}part")
+        parts = scene(grid[row, 1], f"{found}, {counted(len(model.axes), 'joint')}")
         _points(parts, model.p_frames[canonical], colours)
         _joint_axes(parts, model, canonical, bounds[1])
         _tree(figure.add_subplot(grid[row, 2]), model)
@@ -95,7 +95,7 @@ def _fitted(result: Result, chosen: Int64[np.ndarray, "chosen"]) -> Model:
         name="",
         colours=distinct_colours(len(model.parts)),
         labels=labels,
-        p_frames=_moved(T, result.canonical_points[chosen].astype(np.float64)),
+        p_frames=move_points(T, result.canonical_points[chosen].astype(np.float64)),
         root=model.root,
         links=[(joint.parent, joint.child, JOINT_MARKS[joint.type]) for joint in model.joints],
         axes=[(joint.child, joint.type, np.array(joint.axis), np.array(joint.point)) for joint in model.joints],
@@ -126,18 +126,11 @@ def _true(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
         labels=labels_true[chosen],
-        p_frames=sequence.to_input(_moved(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
+        p_frames=sequence.to_input(move_points(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
         root=int(roots[0]) if len(roots) == 1 else None,  # several: the source does not tell the tree
         links=[(parent, child, types.get((parent, child), "")) for parent, child in linked],
         axes=axes,
     )
-
-
-def _moved(
-    Ts: Float64[np.ndarray, "frames points 4 4"], p: Float64[np.ndarray, "points 3"]
-) -> Float64[np.ndarray, "frames points 3"]:
-    """Every point by its own transforms."""
-    return (Ts[..., :3, :3] @ p[:, :, None])[..., 0] + Ts[..., :3, 3]
 
 
 def _set_up(axes: Axes3D, title: str, bounds: tuple[Float64[np.ndarray, "3"], float]) -> None:
@@ -199,5 +192,6 @@ def _flow(axes: Axes3D, p_pair: Float64[np.ndarray, "pair points 3"]) -> None:
     axes.add_collection3d(Line3DCollection(np.stack([start, end], axis=1)[shown], colors=shades, linewidths=1.1))
 
 
-def _count(number: int, what: str) -> str:
+def counted(number: int, what: str) -> str:
+    """As in `2 parts, 1 joint`."""
     return f"{number} {what}{'' if number == 1 else 's'}"

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import spacing
 
 # RMS distance to the nearest point of the true surface, in that surface's own spacings, within which a motion is borne

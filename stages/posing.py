@@ -12,6 +12,8 @@ from schemas.errors import InputError
 from schemas.model_file import ModelJoint, Result
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.normalisation import Normalisation
+from stages.kernels.rigid_motion import move_points
 from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
@@ -29,7 +31,7 @@ class PosedModel:
 
     def points(self, result: Result) -> Float64[np.ndarray, "points 3"]:
         """Where the canonical points lie."""
-        return _moved(self.Ts_pose_canonical[result.labels], result.canonical_points.astype(np.float64))
+        return move_points(self.Ts_pose_canonical[result.labels], result.canonical_points.astype(np.float64))
 
 
 def pose_by_states(
@@ -47,12 +49,12 @@ def pose_by_states(
                 f"found the joint {name!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
             )
         _check_state(joints[name], state, limits)
-    space = _Space.of(result)
-    mechanism = space.mechanism(result, limits=False, free_base=False)
+    space = Normalisation.of(result.canonical_points)
+    mechanism = _mechanism(result, space, limits=False, free_base=False)
     coordinates = np.zeros(mechanism.observed.shape[1])
     for index, joint in enumerate(result.model.joints):
-        coordinates[mechanism.coordinates_of(index)] = np.divide(states.get(joint.name, 0.0), space.unit_of(joint))
-    Ts = T_pose_root @ space.to_input(mechanism.tree.Ts_pose_canonical(coordinates[None])[0])
+        coordinates[mechanism.coordinates_of(index)] = np.divide(states.get(joint.name, 0.0), _unit(joint, space))
+    Ts = T_pose_root @ space.motions_to_input(mechanism.tree.Ts_pose_canonical(coordinates[None])[0])
     rest = {joint.name: (0.0, 0.0, 0.0) if joint.type == "spherical" else 0.0 for joint in result.model.joints}
     pose = Pose(units=result.model.units, states=rest | dict(states), T_pose_root=_transform(T_pose_root))
     return PosedModel(pose, Ts)
@@ -70,22 +72,22 @@ def pose_by_targets(
     A source point moves with the part of the canonical point nearest to it. The base moves too where `free_base`, or
     by itself where it moved in the sequence. Input units. Raises InputError for a source point far off the object.
     """
-    model, space = result.model, _Space.of(result)
+    model, space = result.model, Normalisation.of(result.canonical_points)
     parts = _parts_of(result, p_source, FARTHEST * space.scale)
     if free_base is None:
-        free_base = root_moves(space.to_normalised(result.T_frame_canonical[:, model.root]))
-    mechanism = space.mechanism(result, limits, free_base)
+        free_base = root_moves(space.motions(result.T_frame_canonical[:, model.root]))
+    mechanism = _mechanism(result, space, limits, free_base)
     found = rearticulate(mechanism, space.points(p_source), parts, space.points(p_target))
-    Ts = space.to_input(found.Ts_pose_canonical)
+    Ts = space.motions_to_input(found.Ts_pose_canonical)
     own = [mechanism.coordinates_of(joint) for joint in range(len(model.joints) + free_base)]
     untold = [bool((found.untold[mine] > UNTOLD).any()) for mine in own]
     bounded = [bool(found.bounded[mine].any()) for mine in own]
     names = [joint.name for joint in model.joints]
-    residuals = np.linalg.norm(_moved(Ts[parts], p_source) - p_target, axis=1)
+    residuals = np.linalg.norm(move_points(Ts[parts], p_source) - p_target, axis=1)
     pose = Pose(
         units=model.units,
         states={
-            joint.name: _state(joint, found.coordinates[mine] * space.unit_of(joint), limits)
+            joint.name: _state(joint, found.coordinates[mine] * _unit(joint, space), limits)
             for joint, mine in zip(model.joints, own, strict=False)
         },
         T_pose_root=_transform(Ts[model.root]),
@@ -101,58 +103,31 @@ def pose_by_targets(
     return PosedModel(pose, Ts)
 
 
-@dataclass(frozen=True)
-class _Space:
-    """The normalised frame of a result: centred, with a bounding box whose diagonal is one."""
+def _mechanism(result: Result, space: Normalisation, limits: bool, free_base: bool) -> Mechanism:
+    """The model as it can be posed, within its limits where asked for."""
+    joints, model = result.model.joints, result.model
+    mechanism = Mechanism.assembled(
+        links=np.array([(joint.parent, joint.child) for joint in joints], dtype=np.int64).reshape(-1, 2),
+        types=[joint.type for joint in joints],
+        axis=np.array([joint.axis for joint in joints]).reshape(-1, 3),
+        point=space.points(np.array([joint.point for joint in joints]).reshape(-1, 3)),
+        states=[np.array(joint.states).reshape(model.frames, -1) / _unit(joint, space) for joint in joints],
+        T_frame_root=space.motions(result.T_frame_canonical[:, model.root]),
+        free_root=model.root if free_base else None,
+    )
+    if not limits:
+        return mechanism
+    lower, upper = mechanism.lower.copy(), mechanism.upper.copy()
+    for index, joint in enumerate(joints):
+        own = mechanism.coordinates_of(index)
+        upper[own] = joint.upper / _unit(joint, space)
+        lower[own] = -joint.upper if joint.type == "spherical" else joint.lower / _unit(joint, space)
+    return replace(mechanism, lower=lower, upper=upper)
 
-    centre: Float64[np.ndarray, "3"]
-    scale: float
 
-    @classmethod
-    def of(cls, result: Result) -> _Space:
-        low, high = result.canonical_points.min(axis=0), result.canonical_points.max(axis=0)
-        scale = float(np.linalg.norm(high - low)) or 1.0
-        return cls((low.astype(np.float64) + high) / 2, scale)
-
-    def points(self, p: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
-        return (p - self.centre) / self.scale
-
-    def unit_of(self, joint: ModelJoint) -> float:
-        """What a state of one in the normalised frame is in the input's units."""
-        return self.scale if joint.type == "prismatic" else 1.0
-
-    def to_normalised(self, Ts: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 4 4"]:
-        """The same motions for points in the normalised frame."""
-        Ts = Ts.copy()
-        Ts[..., :3, 3] = (Ts[..., :3, :3] @ self.centre + Ts[..., :3, 3] - self.centre) / self.scale
-        return Ts
-
-    def to_input(self, Ts: Float64[np.ndarray, "*batch 4 4"]) -> Float64[np.ndarray, "*batch 4 4"]:
-        """The same motions for points in the input's coordinates."""
-        Ts = Ts.copy()
-        Ts[..., :3, 3] = self.scale * Ts[..., :3, 3] + self.centre - Ts[..., :3, :3] @ self.centre
-        return Ts
-
-    def mechanism(self, result: Result, limits: bool, free_base: bool) -> Mechanism:
-        """The model as it can be posed, within its limits where asked for."""
-        joints, model = result.model.joints, result.model
-        mechanism = Mechanism.assembled(
-            links=np.array([(joint.parent, joint.child) for joint in joints], dtype=np.int64).reshape(-1, 2),
-            types=[joint.type for joint in joints],
-            axis=np.array([joint.axis for joint in joints]).reshape(-1, 3),
-            point=self.points(np.array([joint.point for joint in joints]).reshape(-1, 3)),
-            states=[np.array(joint.states).reshape(model.frames, -1) / self.unit_of(joint) for joint in joints],
-            T_frame_root=self.to_normalised(result.T_frame_canonical[:, model.root]),
-            free_root=model.root if free_base else None,
-        )
-        if not limits:
-            return mechanism
-        lower, upper = mechanism.lower.copy(), mechanism.upper.copy()
-        for index, joint in enumerate(joints):
-            own = mechanism.coordinates_of(index)
-            upper[own] = joint.upper / self.unit_of(joint)
-            lower[own] = -joint.upper if joint.type == "spherical" else joint.lower / self.unit_of(joint)
-        return replace(mechanism, lower=lower, upper=upper)
+def _unit(joint: ModelJoint, space: Normalisation) -> float:
+    """What a state of one in the normalised frame is in the input's units."""
+    return space.scale if joint.type == "prismatic" else 1.0
 
 
 def _parts_of(
@@ -200,13 +175,6 @@ def _state(joint: ModelJoint, coordinates: Float64[np.ndarray, "own"], limits: b
     if joint.type == "revolute":
         return float(state - 2 * np.pi * np.round((state - (joint.lower + joint.upper) / 2) / (2 * np.pi)))
     return float(state)
-
-
-def _moved(
-    Ts: Float64[np.ndarray, "points 4 4"], p: Float64[np.ndarray, "points 3"]
-) -> Float64[np.ndarray, "points 3"]:
-    moved: np.ndarray = np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]
-    return moved
 
 
 def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:

@@ -12,6 +12,7 @@ from jaxtyping import Float64
 from schemas.kinematic import CONFIDENCES, KinematicModel
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result, Vector
 from schemas.sequence import PointSequence
+from stages.kernels.normalisation import Normalisation
 
 
 def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
@@ -26,6 +27,7 @@ def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
             "run the final fit first"
         )
     p_canonical = sequence.to_input(sequence.frames()[model.canonical_frame])
+    space = Normalisation(np.asarray(sequence.centre), sequence.scale)
     counts = np.bincount(model.labels, minlength=model.part_count).tolist()
     return Result(
         model=ModelFile(
@@ -38,7 +40,7 @@ def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
         ),
         canonical_points=p_canonical.astype(np.float32),
         labels=model.labels,
-        T_frame_canonical=_to_input(model.Ts_frame_canonical, sequence),
+        T_frame_canonical=space.motions_to_input(model.Ts_frame_canonical),
     )
 
 
@@ -72,16 +74,6 @@ def _confidence(model: KinematicModel, joint: int) -> JointConfidence | None:
 def _vector(p: Float64[np.ndarray, "3"]) -> Vector:
     x, y, z = p.tolist()
     return x, y, z
-
-
-def _to_input(
-    Ts_normalised: Float64[np.ndarray, "*batch 4 4"], sequence: PointSequence
-) -> Float64[np.ndarray, "*batch 4 4"]:
-    """The same motions for points in input coordinates: p_input = scale * p_normalised + centre."""
-    Ts = Ts_normalised.copy()
-    centre = np.asarray(sequence.centre)
-    Ts[..., :3, 3] = sequence.scale * Ts[..., :3, 3] + centre - Ts[..., :3, :3] @ centre
-    return Ts
 
 
 def result_files(result: Result) -> dict[str, bytes]:

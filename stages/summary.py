@@ -8,13 +8,12 @@ import numpy as np
 
 from schemas.metrics import JointMetrics, Metrics
 from schemas.scores import MEASURES, Figures, SequenceScore, StageCost
-
-CENTIMETRES = {"metre": 100.0, "centimetre": 1.0, "millimetre": 0.1}
+from schemas.sequence import METRES
 
 
 def figures_of(metrics: Metrics, costs: Mapping[str, StageCost]) -> Figures:
     """The figures of one sequence; lengths in centimetres only where the input's unit is known."""
-    scale = CENTIMETRES.get(metrics.units)
+    scale = 100 * METRES[metrics.units] if metrics.units in METRES else None
     lengths = {"recon_cm": metrics.recon, "epe_cm": metrics.epe, "reanimation_cm": metrics.reanimation}
     centimetres = {name: None if scale is None or of is None else of * scale for name, of in lengths.items()}
     same = {name: getattr(metrics, name) for name in Figures.model_fields if name in Metrics.model_fields}

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.options import SetOption, writable_folder
+from pipeline.cli.options import ModelArgument, SetOption, writable_folder
 from pipeline.model_folder import frames_of_model, read_model_folder, write_robot
 from pipeline.presets import load_config
 from schemas.errors import InputError
@@ -16,7 +16,7 @@ FORMATS = ("urdf", "mjcf")
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="A folder with model.json and model.npz, as `reart fit` writes it.")],
+    model: ModelArgument,
     *,
     to: Annotated[str, typer.Option(help="The format: urdf, or mjcf for MuJoCo.")],
     out: Annotated[
@@ -49,13 +49,10 @@ def export(
     given = [f"export.{name}={value}" for name, value in options.items() if value is not None]
     config = load_config(["scans"], [*settings, *given]).export
     result = read_model_folder(model)
-    folder = out or model
-    if (folder / "manifest.json").exists():
-        raise InputError(f"{folder}: found an artifact, whose files stay as they are; name another folder by --out")
+    folder = writable_folder(out or model, "--out")
     from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
 
     check_exportable(result.model)
-    writable_folder(folder, "--out")
     frames = frames_of_model(model, result)
     robot = describe(result, frames, config, model.resolve().name)
     files = WRITERS[to](robot)

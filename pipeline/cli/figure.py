@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.options import writable_folder
+from pipeline.cli.options import ModelArgument, writable_folder
 from pipeline.model_folder import ingested_of_model, read_model_folder
 from schemas.errors import InputError
 
@@ -15,7 +15,7 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 def figure(
-    model: Annotated[Path, typer.Argument(help="A folder with model.json and model.npz, as `reart fit` writes it.")],
+    model: ModelArgument,
     *,
     out: Annotated[Path, typer.Option(help="The picture: .png, .svg or .pdf.")],
 ) -> None:
@@ -27,6 +27,8 @@ def figure(
     """
     if out.suffix.lower() not in FORMATS:
         raise InputError(f"--out {out}: found {out.suffix or 'no ending'}, expected {', '.join(FORMATS)}; rename it")
+    if out.is_dir():
+        raise InputError(f"--out {out}: found a folder, expected a picture; give another path")
     result = read_model_folder(model)
     writable_folder(out.parent, "--out")
     from stages.figure import draw  # matplotlib takes a second to import

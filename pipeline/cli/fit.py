@@ -28,8 +28,7 @@ from pipeline.launch import Outcome
 from pipeline.model_folder import write_robot
 from pipeline.protocol import Request
 from schemas.metrics import Metrics
-from schemas.model_file import ModelFile, Result
-from schemas.report import Report
+from schemas.model_file import ModelFile
 
 DATASET = "scans"
 
@@ -83,17 +82,13 @@ def directory_of(outcome: Outcome, task: str) -> Path:
 
 def deliver(outcome: Outcome, out: Path) -> None:
     """Put the result's files where the user wants them, each whole or not at all."""
-    result = directory_of(outcome, "result")
-    store.read(result, Result)
+    stages = ("result", "export", "report")
+    result, exported, report = (store.read_files(directory_of(outcome, stage)) for stage in stages)
     for name in ("model.npz", "model.json"):
-        write_atomically(out / name, (result / name).read_bytes())
-    description = directory_of(outcome, "export")
-    files = store.read_manifest(description).files
-    names = [name for name in files if name.startswith(("robot.", "meshes/"))]
-    write_robot(out, {name: (description / name).read_bytes() for name in sorted(names, reverse=True)})
-    report = directory_of(outcome, "report")
-    store.read(report, Report)
-    write_atomically(out / "report.html", (report / "report.html").read_bytes())
+        write_atomically(out / name, result[name])
+    names = [name for name in exported if name.startswith(("robot.", "meshes/"))]
+    write_robot(out, {name: exported[name] for name in sorted(names, reverse=True)})  # meshes last: written first
+    write_atomically(out / "report.html", report["report.html"])
     metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
     if metrics.parts_true is not None:
         write_atomically(out / "metrics.json", metrics.model_dump_json(indent=1).encode() + b"\n")

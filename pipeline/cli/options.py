@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline import launch
+from pipeline import launch, store
 from pipeline.display import RunDisplay
 from pipeline.presets import DATASETS, load_config
 from pipeline.protocol import Request
@@ -50,6 +50,13 @@ SeedOption = Annotated[int | None, typer.Option(min=0, help="The same seed and i
 WorkersOption = Annotated[
     int, typer.Option(default_factory=cores, min=1, help="Stages computed at a time.", show_default="the cores")
 ]
+ModelArgument = Annotated[
+    Path,
+    typer.Argument(
+        help="A folder with model.json and model.npz, as `reart fit` writes it, or that model.json.",
+        callback=lambda path: path.parent if path.name == "model.json" else path,
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -73,7 +80,9 @@ def sequence_names(sequences: str | None) -> tuple[str, ...] | None:
 
 
 def writable_folder(folder: Path, option: str) -> Path:
-    """Make a folder where there is none. Raises InputError where nothing can be written there."""
+    """Make a folder where there is none. Raises InputError where nothing can be written there, and for an artifact."""
+    if (folder / store.MANIFEST).exists() and (folder / store.ARRAYS).exists():
+        raise InputError(f"{option} {folder}: found an artifact, whose files stay as they are; name another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

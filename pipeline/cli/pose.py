@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pipeline.cli.options import JsonOption, screen, writable_folder
+from pipeline.cli.options import JsonOption, ModelArgument, screen, writable_folder
 from pipeline.model_folder import read_model_folder, write_beside
 from schemas.errors import InputError
 from schemas.model_file import ModelFile
@@ -21,7 +21,7 @@ from schemas.sequence import LENGTH_SYMBOLS
 
 
 def pose(
-    model: Annotated[Path, typer.Argument(help="A folder with model.json and model.npz, or that model.json.")],
+    model: ModelArgument,
     *,
     targets: Annotated[
         Path | None,
@@ -70,8 +70,11 @@ def pose(
     - `reart pose models/lamp --states posed/pose.json --json`
     """
     if (targets is None) == (states is None):
-        raise InputError("--targets, --states: found both or neither, expected one of them; give one")
-    result = read_model_folder(model.parent if model.name == "model.json" else model)
+        found = "neither" if targets is None else "both"
+        raise InputError(f"--targets, --states: found {found}, expected exactly one of them; give one")
+    if states is not None and free_base is not None:
+        raise InputError("--free-base, --fixed-base: found with --states, expected with --targets; leave it out")
+    result = read_model_folder(model)
     if out is not None:
         writable_folder(out, "--out")
     from pipeline.pose_files import pose_files, read_states, read_targets

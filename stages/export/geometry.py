@@ -12,7 +12,7 @@ from schemas.errors import InputError
 from schemas.model_file import Result
 from stages.kernels.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import spacing
 from stages.kernels.surface_graph import surface_graph
 

@@ -1,4 +1,4 @@
-"""What URDF and MJCF share: numbers as text, colours, indented XML, and meshes as binary STL."""
+"""What URDF and MJCF share: numbers as text, indented XML, and meshes as binary STL."""
 
 from __future__ import annotations
 

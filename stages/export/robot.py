@@ -12,17 +12,18 @@ from schemas.config import ExportConfig
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelJoint, Result, Vector
 from schemas.robot import MeshRole, Robot, RobotJoint, RobotLink, RobotMesh, SolidKind
+from schemas.sequence import METRES
 from stages.export.geometry import cleaned, collision_meshes, fuse, joint_origin, part_mesh
 from stages.export.inertia import Solid, about_axis, solid_of
 from stages.kernels.meshing import Mesh, convex_hull
+from stages.kernels.normalisation import Normalisation
 from stages.kernels.sampling import spacing
+from stages.mechanism import root_moves
 
-METRES = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001, "unknown": 1.0}
 HOLLOW = 0.25  # a mesh that encloses less of its hull is an open shell: then the hull's volume counts
 LEAST_MASS = 1e-3  # of a link, as a share of the robot's: simulators do not stand great ratios
 LEAST_RADIUS = 5e-3  # of a link's extent (RMS), as a share of the diagonal, for the same reason
 LEAST_RANGE = 0.01  # of a joint: radians, or a share of the diagonal; simulators refuse an empty one
-STILL = 1e-6  # a root that moves less, as a share of the diagonal, stands still
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,12 @@ def describe(
     """
     model = result.model
     check_exportable(model)
-    scale = config.metres_per_unit or METRES[model.units]
+    scale = config.metres_per_unit or METRES.get(model.units, 1.0)
     fused, labels = fuse(result, frames)
-    canonical = result.canonical_points.astype(np.float64)
-    middle, diagonal = canonical.mean(axis=0), float(np.linalg.norm(np.ptp(canonical, axis=0))) or 1.0
+    space = Normalisation.of(result.canonical_points)
+    middle, diagonal = result.canonical_points.astype(np.float64).mean(axis=0), space.scale
     fused = (fused - middle) / diagonal  # the same meshes in any unit
-    canonical, middle, diagonal = canonical * scale, middle * scale, diagonal * scale
+    middle, diagonal = middle * scale, diagonal * scale
     radius = config.reach * spacing(fused)
     bodies = [_body(fused[labels == part.id], radius, config).placed(diagonal, middle) for part in model.parts]
     order = model.joints_from_root()
@@ -77,7 +78,6 @@ def describe(
     joints = _joints(model, order, links, inertias, scale, diagonal, config)
     T_frame_root = result.T_frame_canonical[:, model.root].copy()
     T_frame_root[:, :3, 3] *= scale
-    moved = canonical @ T_frame_root[:, :3, :3].transpose(0, 2, 1) + T_frame_root[:, None, :3, 3] - canonical
     meshes = list(_meshes(model, bodies))
     return Robot(
         name=name,
@@ -85,7 +85,7 @@ def describe(
         units=model.units,
         canonical_frame=model.canonical_frame,
         root=model.root,
-        free_base=bool(np.abs(moved).max() > STILL * diagonal),
+        free_base=root_moves(space.motions(result.T_frame_canonical[:, model.root])),
         density=config.density,
         links=links,
         joints=joints,

@@ -15,7 +15,7 @@ from stages.final_fit.working import Fit, Frames
 from stages.kernels.evidence import gross_cost, motion_cost
 from stages.kernels.graph_cut import expansion_move
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.surface_graph import smoothness_weights, surface_graph
 
 NEIGHBOURS = 8

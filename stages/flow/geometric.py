@@ -17,7 +17,7 @@ from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.pair import PairFlow, mutual_matches
 from stages.kernels.deformation_graph import Alignment, DeformationGraph, build_graph, deform
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import farthest_points, normals, spacing, working_points
 from stages.progress import Progress
 

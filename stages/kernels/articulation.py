@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 
 from stages.kernels.forward_kinematics import forward_kinematics
+from stages.kernels.kinematic_tree import moved_parts
 from stages.kernels.registration import NormalEquations, turn_about, twist_jacobian
 from stages.kernels.screw import screw_transform
 
@@ -98,11 +99,7 @@ class Chain:
 
     def moves(self) -> Bool[np.ndarray, "joints parts"]:
         """Which joint moves which part: its child and all that hangs on it."""
-        moves = np.zeros((len(self.child), self.parts), dtype=bool)
-        for joint in range(len(self.child) - 1, -1, -1):
-            moves[joint] = moves[self.parent == self.child[joint]].any(axis=0)
-            moves[joint, self.child[joint]] = True
-        return moves
+        return moved_parts(self.parent, self.child, self.parts, range(len(self.child)))
 
 
 Linearise = Callable[[Float64[np.ndarray, "frames parts 4 4"]], NormalEquations]

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.rigid_motion import move_points
 
 
 def seen_from(

@@ -15,7 +15,8 @@ from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from stages.kernels.nearest import KDTree, nearest, neighbours
-from stages.kernels.registration import move_points, sum_groups, turn_about, twist_jacobian
+from stages.kernels.registration import sum_groups, turn_about, twist_jacobian
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import farthest_points
 
 SURFACE_NEIGHBOURS = 8

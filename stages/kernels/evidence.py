@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.kernels.nearest import nearest
-from stages.kernels.registration import Registration, move_points
+from stages.kernels.registration import Registration
+from stages.kernels.rigid_motion import move_points
 
 NEAREST = 3  # points of a frame that stand for its surface near a moved point
 NEAR = 0.7  # radius, in spacings, within which they count

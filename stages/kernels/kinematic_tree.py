@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -43,11 +44,7 @@ class KinematicTree:
     @cached_property
     def moves(self) -> Bool[np.ndarray, "joints parts"]:
         """Which joint moves which part: its child and all that hangs on it."""
-        moves = np.zeros((len(self.child), self.parts), dtype=bool)
-        for joint in reversed(self.order):
-            moves[joint] = moves[self.parent == self.child[joint]].any(axis=0)
-            moves[joint, self.child[joint]] = True
-        return moves
+        return moved_parts(self.parent, self.child, self.parts, self.order)
 
     @cached_property
     def _spread(self) -> Float64[np.ndarray, "coordinates joints*6"]:
@@ -91,6 +88,17 @@ class KinematicTree:
         omega = (turn[:, self.joint] @ self.basis[:, :3, None])[..., 0]
         slide = (R_parent[:, self.joint] @ self.basis[:, 3:, None])[..., 0]
         return np.concatenate([omega, slide - np.cross(omega, anchor[:, self.joint])], axis=-1)
+
+
+def moved_parts(
+    parent: Int64[np.ndarray, "joints"], child: Int64[np.ndarray, "joints"], parts: int, order: Sequence[int]
+) -> Bool[np.ndarray, "joints parts"]:
+    """Which joint moves which part: its child and all that hangs on it. In `order`, parents' own come first."""
+    moves = np.zeros((len(child), parts), dtype=bool)
+    for joint in reversed(order):
+        moves[joint] = moves[parent == child[joint]].any(axis=0)
+        moves[joint, child[joint]] = True
+    return moves
 
 
 def rotations(

@@ -11,6 +11,7 @@ from jaxtyping import Float64, Int64
 
 from stages.kernels import se3
 from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import normals, spacing
 
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
@@ -259,8 +260,3 @@ def _group_means(p: np.ndarray, group: np.ndarray, groups: int) -> Float64[np.nd
 def sum_groups(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
     """The sum over each group's rows of (rows, columns) values: (groups, columns)."""
     return np.stack([np.bincount(group, column, minlength=groups) for column in values.T], axis=1)
-
-
-def move_points(Ts: Float64[np.ndarray, "n 4 4"], p: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Each point moved by its own transform."""
-    return np.einsum("nij,nj->ni", Ts[:, :3, :3], p) + Ts[:, :3, 3]

@@ -19,7 +19,7 @@ from schemas.model_file import ModelFile, Result
 from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import LENGTH_SYMBOLS, IngestedSequence, PointSequence
-from stages.figure import draw
+from stages.figure import counted, draw
 from stages.kernels.colours import colours_of_true_parts
 from stages.report.drawings import curves_svg, heat_svg, tree_svg
 from stages.report.residuals import part_residuals, sampling_floor
@@ -67,12 +67,12 @@ def report_page(
     if labels_true is not None:
         colours = colours_of_true_parts(result.labels, labels_true, int(labels_true.max()) + 1)[labels_true]
     script = _resource("viewer.js")
-    modes = [mode for mode, there in (("points", True), ("meshes", robot), ("true", labels_true is not None)) if there]
+    there = {"points": True, "meshes": robot is not None, "true": labels_true is not None}
     return Template(_resource("page.html")).substitute(
         name=escape(name),
         facts=escape(_facts(model)),
         headline=headline(model, metrics),
-        modes="".join(_mode(mode) for mode in modes),
+        modes="".join(_mode(mode) for mode in MODES if there[mode]),
         last_frame=model.frames - 1,
         canonical=model.canonical_frame,
         sliders=sliders(model),
@@ -121,8 +121,8 @@ def _facts(model: ModelFile) -> str:
     kinds = [joint.type for joint in model.joints]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     unit = "unit unknown" if model.units == "unknown" else f"in {LENGTH_SYMBOLS[model.units]}"
-    joints = f"{_count(len(kinds), 'joint')}{f' ({counts})' if counts else ''}"
-    return f"{_count(len(model.parts), 'part')} · {joints} · {_count(model.frames, 'frame')} · {unit}"
+    joints = f"{counted(len(kinds), 'joint')}{f' ({counts})' if counts else ''}"
+    return f"{counted(len(model.parts), 'part')} · {joints} · {counted(model.frames, 'frame')} · {unit}"
 
 
 def _footer(model: ModelFile) -> str:
@@ -130,10 +130,6 @@ def _footer(model: ModelFile) -> str:
         f"Made by Rearticulate. All joints are at zero in frame {model.canonical_frame}, the canonical one. "
         "The view shows a choice of the points where there are very many."
     )
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _mode(mode: str) -> str:

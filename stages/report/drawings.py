@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.model_file import ModelFile
+from schemas.sequence import JOINT_MARKS
 from stages.kernels.colours import distinct_colours, hexadecimal
 from stages.kernels.tree_layout import tree_layout
 
-JOINT_MARKS = {"revolute": "R", "prismatic": "P", "spherical": "S"}
 NODE, LEAF_WIDTH, LEVEL_HEIGHT, MARGIN = 14, 48, 62, 22  # of the tree, pixels
 LEFT, ROW, CURVES = 64, 22, 120  # of the residuals: labels, a part's row, the curves' height
 WIDTH, NARROWEST, WIDEST, NUMBERED = 660, 4, 52, 34  # all columns together, and one; numbers stand in wide ones

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from schemas.model_file import Result
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import move_points
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import thinned
 
 MOST_QUERIES = 8192  # points of each cloud whose nearest ones are looked for

@@ -62,7 +62,9 @@ def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     assert result.stdout.count("missing") == 11
 
 
-@pytest.mark.parametrize("command", ["fit", "run", "evaluate", "status", "inspect", "rerun", "figure", "export"])
+@pytest.mark.parametrize(
+    "command", ["fit", "run", "evaluate", "status", "inspect", "rerun", "figure", "export", "pose"]
+)
 def test_every_command_explains_itself_with_an_example(reart, command):
     result = reart(command, "--help")
     assert result.exit_code == 0

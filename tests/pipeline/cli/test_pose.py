@@ -4,33 +4,10 @@ import sys
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from pipeline.cli import app
-from schemas.kinematic import KinematicModel
 from stages.ingest.point_formats import read_points
-from stages.result import result_files, to_result
 
 HEADER = "source_x,source_y,source_z,target_x,target_y,target_z\n"
-
-
-@pytest.fixture
-def model(samples, tmp_path):
-    """A chain of three parts, hinge and slider, in a result folder."""
-    rng = np.random.default_rng(0)
-    sequence = samples["sequence"].replace(points=rng.normal(size=(900, 3)), point_counts=np.array([300] * 3))
-    kinematic: KinematicModel = samples["kinematic"].replace(labels=np.repeat([0, 1, 2], 100), energies={})
-    folder = tmp_path / "chain"
-    folder.mkdir()
-    for name, content in result_files(to_result(kinematic, sequence)).items():
-        (folder / name).write_bytes(content)
-    return folder
-
-
-@pytest.fixture
-def reart(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
 
 
 @pytest.fixture
@@ -93,8 +70,10 @@ def test_states_beyond_the_limits_want_a_word(reart, model, tmp_path):
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("chain",), "--targets, --states: found both or neither"),
-        (("chain", "--targets", "t.csv", "--states", "s.json"), "--targets, --states: found both or neither"),
+        (("chain",), "--targets, --states: found neither"),
+        (("chain", "--targets", "t.csv", "--states", "s.json"), "--targets, --states: found both"),
+        (("chain", "--states", "ok.json", "--free-base"), "--free-base, --fixed-base: found with --states"),
+        (("chain", "--states", "ok.json", "--out", "artifact"), "--out artifact: found an artifact"),
         (("nowhere", "--states", "s.json"), "nowhere/model.json: not found"),
         (("chain/model.npz", "--states", "s.json"), "model.json: not found"),
         (("chain", "--states", "nowhere.json"), "nowhere.json: not found"),
@@ -108,6 +87,8 @@ def test_what_cannot_be_posed_is_one_line_and_exit_code_2(reart, model, tmp_path
     (tmp_path / "t.csv").write_text(HEADER + "0,0,0,0,0,0\n99,0,0,0,0,0\n")
     (tmp_path / "s.json").write_text('{"elbow": 0.1}')
     (tmp_path / "ok.json").write_text("{}")
+    (tmp_path / "artifact" / "arrays.zarr").mkdir(parents=True)
+    (tmp_path / "artifact" / "manifest.json").touch()
     result = reart("pose", *words)
     assert result.exit_code == 2
     [error] = result.stderr.splitlines()

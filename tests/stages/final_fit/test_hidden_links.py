@@ -8,7 +8,8 @@ from stages.final_fit.hidden_links import insert_hidden_links
 from stages.final_fit.labelling import relabel
 from stages.final_fit.working import Fit, joint_fits
 from stages.kernels import se3
-from stages.kernels.registration import Registration, move_points
+from stages.kernels.registration import Registration
+from stages.kernels.rigid_motion import move_points
 from stages.kernels.screw import screw_transform
 from stages.projection import part_samples
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from schemas.metrics import JointMetrics
+from schemas.sequence import IngestedSequence
 from stages.report import measure, report_files, report_page, scene
 from stages.report.drawings import heat_svg, tree_svg
 from stages.report.scene import Scale, part_meshes
@@ -178,8 +179,6 @@ def test_one_point_is_a_scene():
 
 def test_the_same_model_gives_the_same_files(arm):
     result, sequence, robot, metrics, _ = arm
-    from schemas.sequence import IngestedSequence
-
     ingested, report = IngestedSequence(sequence=sequence), measure(result, sequence)
     first, again = (report_files("arm", result, ingested, report, robot, metrics) for _ in range(2))
     assert first == again
