@@ -45,7 +45,7 @@ class Metrics(Artifact):
     told_share: float | None = Field(
         default=None, description="share of the points that no part but their own can move as the frames show them"
     )
-    ari_told: float | None = Field(default=None, description="ARI over those points alone")
+    ari_told: float | None = Field(default=None, description="ARI over those points alone; None where there are none")
     untold_parts: tuple[str, ...] = Field(default=(), description="true parts of which hardly a point is told")
     tree_edit_distance: int | None = None
     recon: float | None = None

@@ -67,7 +67,7 @@ def evaluate(
         ari=float(adjusted_rand_score(labels_true, model.labels)),
         ri=float(rand_score(labels_true, model.labels)),
         told_share=float(told.mean()),
-        ari_told=float(adjusted_rand_score(labels_true[index_told], model.labels[index_told])),
+        ari_told=float(adjusted_rand_score(labels_true[index_told], model.labels[index_told])) if told.any() else None,
         untold_parts=_untold_parts(truth, labels_true[looked_at[model.canonical_frame]], told),
         tree_edit_distance=_tree_edit_distance(model, truth),
         recon=recon * sequence.scale,

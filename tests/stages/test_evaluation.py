@@ -122,6 +122,14 @@ def with_truth(data: IngestedSequence, **changes: Any) -> IngestedSequence:
     return data.replace(truth=data.truth.replace(**changes))
 
 
+def test_where_nothing_moves_no_part_is_told() -> None:
+    data = ingested()
+    still = with_truth(data, Ts_frame_first=np.tile(np.eye(4), (FRAMES, 4, 1, 1)))
+    metrics = measured(true_model(data), still)
+    assert (metrics.told_share, metrics.ari_told) == (0, None)
+    assert metrics.untold_parts == data.truth.part_names
+
+
 def test_the_true_model_is_perfect() -> None:
     data = ingested()
     metrics = measured(true_model(data), data)
