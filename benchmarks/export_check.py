@@ -221,7 +221,7 @@ def true_surface(ingested: IngestedSequence, canonical_frame: int) -> Float64[np
     sequence, truth = ingested.sequence, ingested.truth
     if truth is None:
         return None
-    labels = np.split(truth.labels, np.cumsum(sequence.point_counts)[:-1])
+    labels = sequence.by_frame(truth.labels)
     clouds = []
     for frame, own, Ts in zip(sequence.frames(), labels, truth.Ts_frame_first, strict=True):
         Ts_back = (truth.Ts_frame_first[canonical_frame] @ np.linalg.inv(Ts))[own]

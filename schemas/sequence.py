@@ -61,7 +61,11 @@ class PointSequence(Artifact):
 
     def frames(self) -> list[Float64[np.ndarray, "points 3"]]:
         """The frames as views into `points`."""
-        return np.split(self.points, np.cumsum(self.point_counts)[:-1])
+        return self.by_frame(self.points)
+
+    def by_frame(self, values: np.ndarray) -> list[np.ndarray]:
+        """What every point has, in the order of `points`, as views: one for each frame."""
+        return np.split(values, np.cumsum(self.point_counts)[:-1])
 
     def to_input(self, p_normalised: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
         """Normalised coordinates to the input's coordinates and units."""
@@ -111,7 +115,7 @@ class IngestedSequence(Artifact):
         """The true part of each point of a frame; None where there is no ground truth."""
         if self.truth is None:
             return None
-        return np.split(self.truth.labels, np.cumsum(self.sequence.point_counts)[:-1])[frame]
+        return self.sequence.by_frame(self.truth.labels)[frame]
 
     @model_validator(mode="after")
     def _check_truth(self) -> Self:

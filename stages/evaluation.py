@@ -43,7 +43,7 @@ def evaluate(
     )
     if truth is None:
         return metrics
-    labels_of_frames = np.split(truth.labels, np.cumsum(sequence.point_counts)[:-1])
+    labels_of_frames = sequence.by_frame(truth.labels)
     labels_true = labels_of_frames[model.canonical_frame]
     Ts_true = _since_canonical(truth.Ts_frame_first, truth, model)
     p_true = move_points(Ts_true[:, labels_true], p_canonical)

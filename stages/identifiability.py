@@ -43,7 +43,7 @@ def tellable_points(
     for Ts in Ts_frame_canonical:
         surface = KDTree(move_points(Ts[fused_part], fused))
         for part in range(parts):
-            distance = nearest(surface, move_points(Ts[np.full(len(p), part)], p))[0]
+            distance = nearest(surface, move_points(Ts[part], p))[0]
             squares[part] += np.minimum(distance / noise, FAR) ** 2
     borne_out = np.sqrt(squares / len(frames)) < ON_SURFACE
     borne_out[own, np.arange(len(p))] = False

@@ -47,7 +47,9 @@ def insert_hidden_links(
         gains = {link: cost - trials.cost(trial) for link, trial in longer.items() if trial is not None}
         before = chain
         for link in sorted(gains, key=lambda link: -gains[link]):
-            trial = trials.inserted(chain, link) if gains[link] > link_price else None
+            if gains[link] <= link_price:
+                break
+            trial = longer[link] if chain is before else trials.inserted(chain, link)
             if trial is not None and (there := trials.cost(trial)) < cost - link_price:
                 chain, cost = trial, there
         if chain is before:
