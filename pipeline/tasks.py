@@ -88,7 +88,7 @@ class RelaxedFitTask(CandidateTask):
 
 
 class ProjectionTask(CandidateTask):
-    stage, version, schema = "projection", 2, KinematicModel
+    stage, version, schema = "projection", 3, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         relaxed = RelaxedFitTask(job=self.job, candidate=self.candidate)
@@ -101,7 +101,7 @@ class ProjectionTask(CandidateTask):
 
 
 class MergingTask(CandidateTask):
-    stage, version, schema = "merging", 2, KinematicModel
+    stage, version, schema = "merging", 3, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         projection = ProjectionTask(job=self.job, candidate=self.candidate)

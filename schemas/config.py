@@ -136,6 +136,9 @@ class ProjectionConfig(Schema):
     lambda_1dof: float = Field(default=1.0, ge=0)
     samples_per_part: int = Field(default=60, ge=1, description="farthest points at which E_1DOF is measured")
     contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
+    still: float = Field(
+        default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
+    )
 
 
 class MergingConfig(Schema):

@@ -33,13 +33,14 @@ def link_parts(
     canonical_frame: int,
     config: ProjectionConfig,
 ) -> KinematicModel:
-    """Link labelled parts with known motions; the root is the part that moves least."""
+    """Link labelled parts with known motions."""
     samples = part_samples(p_canonical, labels, config.samples_per_part)
-    spatial = spatial_energies(p_canonical, labels, config.contact * spacing(p_canonical))
+    noise = spacing(p_canonical)
+    spatial = spatial_energies(p_canonical, labels, config.contact * noise)
     fits = relative_screws(samples, Ts_frame_canonical)
     # the pair's energy must not depend on which of the two is called the child
     one_dof = 0.5 * (fits.residual + fits.residual.T).numpy()
-    root = stillest_part(samples, Ts_frame_canonical)
+    root = base_part(samples, Ts_frame_canonical, np.bincount(labels), config.still * noise)
     cost = config.lambda_spatial * spatial + config.lambda_1dof * one_dof
     links = spanning_tree(cost, root)
     parent, child = links[:, 0], links[:, 1]
@@ -101,13 +102,19 @@ def relative_screws(
     return fit_screw(Ts_parent_child, p)
 
 
-def stillest_part(
-    samples: Float64[np.ndarray, "parts count 3"], Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"]
+def base_part(
+    samples: Float64[np.ndarray, "parts count 3"],
+    Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"],
+    sizes: Int64[np.ndarray, "parts"],
+    still: float,
 ) -> int:
-    """The part whose points move least in the mean over all frames."""
+    """The part whose points move least over all frames; the largest one where even that moves more than `still`.
+
+    A fixed base stands still. Of a free one nothing but its size tells: the trunk is not the part that moves least.
+    """
     p = torch.from_numpy(samples)
-    moved = se3.transform(torch.from_numpy(Ts_frame_canonical), p)
-    return int((moved - p).norm(dim=-1).mean(dim=(0, 2)).argmin())
+    moved = (se3.transform(torch.from_numpy(Ts_frame_canonical), p) - p).norm(dim=-1).mean(dim=(0, 2))
+    return int(moved.argmin() if moved.min() <= still else sizes.argmax())
 
 
 def spanning_tree(cost: Float64[np.ndarray, "parts parts"], root: int) -> Int64[np.ndarray, "joints 2"]:

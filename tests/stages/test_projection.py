@@ -3,7 +3,7 @@ import pytest
 
 from schemas.config import ProjectionConfig
 from schemas.relaxed import RelaxedModel
-from stages.projection import group_energy, link_parts, project, spanning_tree, spatial_energies
+from stages.projection import base_part, group_energy, link_parts, project, spanning_tree, spatial_energies
 
 CONFIG = ProjectionConfig()
 
@@ -73,3 +73,13 @@ def test_a_single_part_is_a_tree_without_joints(hinge):
     still = hinge.Ts_frame_canonical[:, :1]
     model = link_parts(hinge.sequence.frames()[2], np.zeros(400, dtype=np.int64), still, 2, CONFIG)
     assert (model.part_count, len(model.joint_child), model.root) == (1, 0, 0)
+
+
+def test_a_base_stands_still_and_a_free_one_is_the_largest_part():
+    samples = np.random.default_rng(0).normal(size=(3, 20, 3))
+    Ts = np.tile(np.eye(4), (4, 3, 1, 1))
+    Ts[1:, :, 0, 3] = [0.0, 0.5, 0.2]
+    sizes = np.array([50, 100, 900])
+    assert base_part(samples, Ts, sizes, 0.1) == 0
+    Ts[1:, :, 1, 3] += 3.0  # the whole moves
+    assert base_part(samples, Ts, sizes, 0.1) == 2
