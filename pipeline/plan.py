@@ -12,6 +12,7 @@ from pipeline.task import Job, StageTask, upstream_first
 from pipeline.tasks import STAGES, final_tasks
 from schemas.errors import InputError, UnavailableError
 from stages.ingest.sources import Source, file_source, list_sources
+from stages.ingest.truth import truth_files
 
 
 def plan(request: Request, report: Report = ignore) -> list[Job]:
@@ -69,9 +70,14 @@ def _sources(request: Request) -> list[Source]:
 
 
 def _truth_file(truth: Path) -> Path:
-    """The ground truth in a folder, or the path as it is."""
+    """The ground truth in a folder, or the path as it is. Raises InputError where there is none."""
     inside = truth / "ground_truth.npz"
-    return inside if inside.is_file() else truth
+    found = inside if inside.is_file() else truth
+    if not truth_files(found):
+        raise InputError(
+            f"--truth {truth}: found no ground truth, expected a folder with ground_truth.npz; check the path"
+        )
+    return found
 
 
 def _completion_times(tasks: Sequence[StageTask]) -> dict[Path, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,14 @@ FOLDER = Path(__file__).parent / "presets"
 DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "sapien", "scans")
 
 
-def load_config(presets: Sequence[str], overrides: Iterable[str] = ()) -> PipelineConfig:
-    """The configuration that presets and then `stage.field=value` overrides make of the defaults.
+def load_config(
+    presets: Sequence[str], overrides: Iterable[str] = (), options: Mapping[str, tuple[str, Any]] | None = None
+) -> PipelineConfig:
+    """The configuration that presets, then `stage.field=value` overrides and then options make of the defaults.
 
-    A preset is the name of one of ours, or the path of a .toml file. Raises InputError, one line that
-    names the setting, for anything unknown or out of range.
+    A preset is the name of one of ours, or the path of a .toml file. An option of the command line stands for one
+    setting, as in {"--seed": ("seed", 7)}; None leaves that as it is. Raises InputError, one line that names the
+    setting, or the option, for anything unknown or out of range.
     """
     values: dict[str, Any] = {}
     origin = "--set"
@@ -36,6 +39,10 @@ def load_config(presets: Sequence[str], overrides: Iterable[str] = ()) -> Pipeli
         origin = f"--set {' '.join(override.split())}"
         _merge(values, _parse_override(override))
         _validated(values, origin)
+    for option, (name, value) in (options or {}).items():
+        if value is not None:
+            _merge(values, _nested(name, value))
+            _validated(values, option, of_option=True)
     return _validated(values, origin)
 
 
@@ -67,7 +74,12 @@ def _parse_override(override: str) -> dict[str, Any]:
         value = parsed["value"] if len(parsed) == 1 else text
     except tomllib.TOMLDecodeError:
         value = text.strip()
-    *sections, field = name.strip().split(".")
+    return _nested(name.strip(), value)
+
+
+def _nested(name: str, value: Any) -> dict[str, Any]:
+    """`a.b` and a value as {"a": {"b": value}}."""
+    *sections, field = name.split(".")
     nested = {field: value}
     for section in reversed(sections):
         nested = {section: nested}
@@ -82,7 +94,8 @@ def _merge(values: dict[str, Any], changes: dict[str, Any]) -> None:
             values[name] = change
 
 
-def _validated(values: dict[str, Any], origin: str) -> PipelineConfig:
+def _validated(values: dict[str, Any], origin: str, of_option: bool = False) -> PipelineConfig:
+    """The configuration; refusals name where a value comes from, and its setting unless that is an option."""
     try:
         config = PipelineConfig.model_validate(values)
     except ValidationError as error:
@@ -91,11 +104,13 @@ def _validated(values: dict[str, Any], origin: str) -> PipelineConfig:
         if first["type"] == "extra_forbidden":
             name = ".".join([name, *_first_path(first["input"])])
             raise InputError(f"{origin}: there is no setting {name!r}; {_nearest(name)}") from error
-        raise InputError(f"{origin}: {name}: found {first['input']!r}; {_lower(first['msg'])}") from error
+        where = origin if of_option else f"{origin}: {name}"
+        raise InputError(f"{where}: found {first['input']!r}; {_lower(first['msg'])}") from error
     for name, value in _settings(config):
         numbers = value if isinstance(value, tuple) else (value,)
         if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
-            raise InputError(f"{origin}: {name}: found {value}, expected a finite number")
+            where = origin if of_option else f"{origin}: {name}"
+            raise InputError(f"{where}: found {value}, expected a finite number")
     return config
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.options import ModelArgument, SetOption, writable_folder
+from pipeline.cli.options import ModelArgument, SetOption, naming, writable_folder
 from pipeline.model_folder import frames_of_model, read_model_folder, write_robot
 from pipeline.presets import load_config
 from schemas.errors import InputError
@@ -45,14 +45,18 @@ def export(
     """
     if to not in FORMATS:
         raise InputError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
-    options = {"metres_per_unit": scale, "surface": mesh, "collision": collision}
-    given = [f"export.{name}={value}" for name, value in options.items() if value is not None]
-    config = load_config(["scans"], [*settings, *given]).export
+    options = {
+        "--scale": ("export.metres_per_unit", scale),
+        "--mesh": ("export.surface", mesh),
+        "--collision": ("export.collision", collision),
+    }
+    config = load_config(["scans"], settings, options).export
     result = read_model_folder(model)
-    folder = writable_folder(out or model, "--out")
     from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
 
-    check_exportable(result.model)
+    with naming(model):
+        check_exportable(result)
+    folder = writable_folder(out or model, "--out")
     frames = frames_of_model(model, result)
     robot = describe(result, frames, config, model.resolve().name)
     files = WRITERS[to](robot)

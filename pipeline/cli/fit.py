@@ -56,8 +56,8 @@ def fit(
 
     - `reart fit lamp.npz --out models/lamp --set final_fit.part_price=20`
     """
-    unit = [f"ingest.units={units}"] if units else []
-    config = dataset_config(DATASET, preset, [*unit, *settings, "ingest.source=files"], seed)
+    options = {"--units": ("ingest.units", units)}
+    config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, options)
     request = Request(
         dataset=DATASET,
         workdir=writable_folder(out, "--out") / "workdir",

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -65,18 +67,33 @@ def screen() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else 160)
 
 
-def dataset_config(dataset: str, preset: str | None, settings: list[str], seed: int | None) -> PipelineConfig:
-    """The configuration for a data set. Raises InputError."""
+def dataset_config(
+    dataset: str,
+    preset: str | None,
+    settings: list[str],
+    seed: int | None,
+    options: Mapping[str, tuple[str, Any]] | None = None,
+) -> PipelineConfig:
+    """The configuration for a data set; further `options` as in `load_config`. Raises InputError."""
     if dataset not in DATASETS:
         raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
     source = dataset.partition("-")[0]
     presets = dict.fromkeys(name for name in (source, dataset, preset) if name is not None)
-    return load_config(list(presets), settings if seed is None else [f"seed={seed}", *settings])
+    return load_config(list(presets), settings, {"--seed": ("seed", seed), **(options or {})})
 
 
 def sequence_names(sequences: str | None) -> tuple[str, ...] | None:
     """The names in `a,b`; None for all."""
     return None if sequences is None else tuple(name.strip() for name in sequences.split(",") if name.strip())
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before what is said of its content."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def writable_folder(folder: Path, option: str) -> Path:

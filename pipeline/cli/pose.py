@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pipeline.cli.options import JsonOption, ModelArgument, screen, writable_folder
+from pipeline.cli.options import JsonOption, ModelArgument, naming, screen, writable_folder
 from pipeline.model_folder import read_model_folder, write_beside
 from schemas.errors import InputError
 from schemas.model_file import ModelFile
@@ -96,15 +94,6 @@ def pose(
         show(posed.pose, result.model, screen())
         if out is not None:
             typer.echo(f"written: {out / 'posed.ply'}, {out / 'pose.json'}")
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before what is said of its content."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def show(pose: Pose, model: ModelFile, console: Console) -> None:

@@ -74,7 +74,7 @@ def collision_meshes(mesh: Mesh, config: ExportConfig) -> list[Mesh]:
         import coacd
     except ImportError as error:
         raise InputError(
-            "export.collision: found coacd, which is not installed; `pip install rearticulate[coacd]`, or take hull"
+            "collision coacd: found that the package is not installed; `pip install rearticulate[coacd]`, or take hull"
         ) from error
     coacd.set_log_level("error")
     coarse = decimated(mesh, COACD_TRIANGLES)  # minutes a part otherwise

@@ -57,10 +57,10 @@ def describe(
 ) -> Robot:
     """The robot description of a model; `frames`, in the input's coordinates, make its meshes denser where given.
 
-    Raises InputError for joints that no description holds (spherical).
+    Raises InputError for a model that no description holds.
     """
     model = result.model
-    check_exportable(model)
+    check_exportable(result)
     scale = config.metres_per_unit or METRES.get(model.units, 1.0)
     fused, labels = fuse(result, frames)
     space = Normalisation.of(result.canonical_points)
@@ -97,14 +97,16 @@ def describe(
     )
 
 
-def check_exportable(model: ModelFile) -> None:
-    """Raises InputError for a spherical joint."""
-    for joint in model.joints:
+def check_exportable(result: Result) -> None:
+    """Raises InputError for a spherical joint, and for points that span nothing."""
+    for joint in result.model.joints:
         if joint.type == "spherical":
             raise InputError(
-                f"model.json: joint {joint.name} is spherical, expected revolute or prismatic; "
-                "put two revolute joints in its place, or export another model"
+                f"joint {joint.name}: found a spherical joint, expected revolute and prismatic ones only; "
+                "put three revolute joints in its place, or export another model"
             )
+    if np.all(result.canonical_points == result.canonical_points[0]):
+        raise InputError("canonical_points: found one place only, expected points on a surface; fit the model anew")
 
 
 def _body(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Body:

@@ -96,6 +96,16 @@ def test_a_bad_value_is_refused_and_its_setting_named(override):
     assert override.split("=")[0].split(".")[0] in refusal([], [override])
 
 
+@pytest.mark.parametrize("value", [-1.0, 0.0, float("nan"), float("inf"), "x"])
+def test_a_bad_value_of_an_option_is_refused_by_the_name_of_the_option(value):
+    with pytest.raises(InputError, match=f"^--scale: found {value!r}"):
+        load_config([], [], {"--scale": ("export.metres_per_unit", value), "--mesh": ("export.surface", None)})
+
+
+def test_an_option_comes_after_overrides():
+    assert load_config([], ["seed=1"], {"--seed": ("seed", 2)}).seed == 2
+
+
 @pytest.mark.parametrize("override", ["nothing", "=3", ""])
 def test_an_override_without_name_or_value_is_refused(override):
     assert "expected stage.field=value" in refusal([], [override])

@@ -66,7 +66,7 @@ def test_the_hull_may_be_the_visible_mesh():
 
 def test_coacd_that_is_not_there_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "coacd", None)
-    with pytest.raises(InputError, match=r"export.collision.*pip install"):
+    with pytest.raises(InputError, match=r"collision coacd: found .* not installed; `pip install"):
         collision_meshes(convex_hull(np.eye(4, 3)), ExportConfig(collision="coacd"))
 
 
