@@ -7,7 +7,7 @@ import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -16,16 +16,31 @@ from schemas.config import PipelineConfig
 from schemas.errors import InputError
 
 FOLDER = Path(__file__).parent / "presets"
+TRAINING_FOLDER = FOLDER / "train_flow"
 # presets that say where sequences come from; roboart-noisy and the like add to roboart
 DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "sapien", "scans")
 
+AnySchema = TypeVar("AnySchema", bound=Schema)
+Options = Mapping[str, tuple[str, Any]]  # of the command line: the setting that each stands for, and its value
+
 
 def load_config(
-    presets: Sequence[str], overrides: Iterable[str] = (), options: Mapping[str, tuple[str, Any]] | None = None
+    presets: Sequence[str], overrides: Iterable[str] = (), options: Options | None = None
 ) -> PipelineConfig:
-    """The configuration that presets, then `stage.field=value` overrides and then options make of the defaults.
+    """A run's configuration, as `load_settings` puts it together. Raises InputError."""
+    return load_settings(PipelineConfig, FOLDER, presets, overrides, options)
 
-    A preset is the name of one of ours, or the path of a .toml file. An option of the command line stands for one
+
+def load_settings(
+    schema: type[AnySchema],
+    folder: Path,
+    presets: Sequence[str],
+    overrides: Iterable[str] = (),
+    options: Options | None = None,
+) -> AnySchema:
+    """The settings that presets, then `stage.field=value` overrides and then options make of a schema's defaults.
+
+    A preset is the name of one in `folder`, or the path of a .toml file. An option of the command line stands for one
     setting, as in {"--seed": ("seed", 7)}; None leaves that as it is. Raises InputError, one line that names the
     setting, or the option, for anything unknown or out of range.
     """
@@ -33,31 +48,31 @@ def load_config(
     origin = "--set"
     for preset in presets:
         origin = f"preset {preset}"
-        _merge(values, _read_preset(preset))
-        _validated(values, origin)
+        _merge(values, _read_preset(preset, folder))
+        _validated(schema, values, origin)
     for override in overrides:
         origin = f"--set {' '.join(override.split())}"
         _merge(values, _parse_override(override))
-        _validated(values, origin)
+        _validated(schema, values, origin)
     for option, (name, value) in (options or {}).items():
         if value is not None:
             _merge(values, _nested(name, value))
-            _validated(values, option, of_option=True)
-    return _validated(values, origin)
+            _validated(schema, values, option, of_option=True)
+    return _validated(schema, values, origin)
 
 
-def preset_names() -> list[str]:
+def preset_names(folder: Path = FOLDER) -> list[str]:
     """The presets that come with the program."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+    return sorted(path.stem for path in folder.glob("*.toml"))
 
 
-def _read_preset(preset: str) -> dict[str, Any]:
-    path = Path(preset) if preset.endswith(".toml") else FOLDER / f"{preset}.toml"
+def _read_preset(preset: str, folder: Path) -> dict[str, Any]:
+    path = Path(preset) if preset.endswith(".toml") else folder / f"{preset}.toml"
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(
-            f"preset {preset}: cannot be read ({error.strerror}), expected one of {', '.join(preset_names())} "
+            f"preset {preset}: cannot be read ({error.strerror}), expected one of {', '.join(preset_names(folder))} "
             "or the path of a .toml file"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -94,16 +109,16 @@ def _merge(values: dict[str, Any], changes: dict[str, Any]) -> None:
             values[name] = change
 
 
-def _validated(values: dict[str, Any], origin: str, of_option: bool = False) -> PipelineConfig:
+def _validated(schema: type[AnySchema], values: dict[str, Any], origin: str, of_option: bool = False) -> AnySchema:
     """The configuration; refusals name where a value comes from, and its setting unless that is an option."""
     try:
-        config = PipelineConfig.model_validate(values)
+        config = schema.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
         if first["type"] == "extra_forbidden":
             name = ".".join([name, *_first_path(first["input"])])
-            raise InputError(f"{origin}: there is no setting {name!r}; {_nearest(name)}") from error
+            raise InputError(f"{origin}: there is no setting {name!r}; {_nearest(name, schema)}") from error
         where = origin if of_option else f"{origin}: {name}"
         raise InputError(f"{where}: found {first['input']!r}; {_lower(first['msg'])}") from error
     for name, value in _settings(config):
@@ -122,13 +137,11 @@ def _first_path(value: Any) -> list[str]:
     return [name, *_first_path(value[name])]
 
 
-def _nearest(name: str) -> str:
-    known = [setting for setting, _ in _settings(PipelineConfig())]
+def _nearest(name: str, schema: type[Schema]) -> str:
+    known = [setting for setting, _ in _settings(schema())]
     same_field = [setting for setting in known if setting.split(".")[-1] == name.split(".")[-1]]
     close = difflib.get_close_matches(name, known, n=3) or same_field[:3]
-    return (
-        f"did you mean {' or '.join(close)}?" if close else f"the sections are {', '.join(PipelineConfig.model_fields)}"
-    )
+    return f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(schema.model_fields)}"
 
 
 def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -60,6 +60,30 @@ class GeometricFlowConfig(Schema):
     max_distance: float = Field(default=2.0, gt=0, description="matches farther apart are dropped, in point spacings")
 
 
+class TrainFlowConfig(Schema):
+    """`reart train-flow`: what the feature network is trained on, and how long (A.1)."""
+
+    seed: int = Field(default=0, ge=0)
+    robots: tuple[str, ...] = Field(
+        default=("atlas", "baxter", "laikago", "iiwa"), description="the training split; those that are to be had"
+    )
+    robot_share: float = Field(default=0.25, ge=0, le=1, description="share of pairs of robots; the rest is made up")
+    points: int = Field(default=2048, ge=64, description="points that a cloud is sampled with")
+    step_degrees: tuple[float, float] = Field(
+        default=(4.0, 120.0), description="least and greatest motion of a joint between the clouds of a pair"
+    )
+    turn_degrees: float = Field(default=25.0, ge=0, description="most that one cloud of a pair is turned by itself")
+    steps: int = Field(default=5000, ge=1)
+    batch: int = Field(default=4, ge=1, description="pairs in one step; each is drawn anew and seen once")
+    learning_rate: float = Field(default=2e-3, gt=0, description="the highest; it rises at first and falls to zero")
+    weight_decay: float = Field(default=1e-2, ge=0)
+    validation_robots: tuple[str, ...] = Field(
+        default=("cassie", "nao", "panda", "spot"), description="robots measured on while training, never trained on"
+    )
+    validation_pairs: int = Field(default=32, ge=1)
+    validate_every: int = Field(default=250, ge=1, description="steps between two measurements and checkpoints")
+
+
 class FlowConfig(Schema):
     """The flow stage."""
 

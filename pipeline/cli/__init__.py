@@ -17,6 +17,7 @@ from pipeline.cli.pose import pose
 from pipeline.cli.rerun import rerun
 from pipeline.cli.run import run
 from pipeline.cli.status import status
+from pipeline.cli.train_flow import train_flow
 from pipeline.store import CorruptArtifactError
 from schemas.errors import InputError
 
@@ -49,5 +50,5 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="From a sequence of point clouds of any articulated object to a model that moves again.",
 )
-for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose):
+for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose, train_flow):
     app.command()(command)

@@ -72,7 +72,7 @@ def build_from_urdf(
             "check its joints' limits and its meshes"
         )
     rest = rest_positions(robot, ranges)
-    surface = _part_surface(robot, parts, triangles, rest)
+    surface = part_surface(robot, parts, triangles, rest)
     swept, unseen = joint_motion(robot, parts, surface, ranges, rest, config, rng)
     Ts_world_part, Ts_world_unseen = (part_poses(robot, parts, positions) for positions in (swept, unseen))
     if config.free_base:
@@ -128,7 +128,7 @@ def part_poses(robot: Robot, parts: Parts, positions: Positions) -> Poses:
     return forward_kinematics(robot, positions)[:, parts.link]
 
 
-def _part_surface(
+def part_surface(
     robot: Robot, parts: Parts, triangles: list[np.ndarray], rest: Float64[np.ndarray, "joints"]
 ) -> Surface:
     """The links' surfaces joined, each in its part's frame; joints within a part are at rest for good."""

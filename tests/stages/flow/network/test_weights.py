@@ -1,0 +1,66 @@
+import pickle
+
+import pytest
+import torch
+from safetensors.torch import save
+
+from schemas.errors import InputError
+from stages.flow.network.model import FeatureNetwork
+from stages.flow.network.weights import FORMAT, load_network, weights_file
+
+
+@pytest.fixture(scope="module")
+def network():
+    torch.manual_seed(3)
+    return FeatureNetwork()
+
+
+def test_weights_come_back_as_they_were_written(network, tmp_path):
+    path = tmp_path / "weights.safetensors"
+    path.write_bytes(weights_file(network, {"steps": "7"}))
+    read = load_network(path)
+    assert not read.training
+    for name, value in network.state_dict().items():
+        torch.testing.assert_close(read.state_dict()[name], value, rtol=0, atol=0)
+
+
+def _changed(state, name, change):
+    return {**state, name: change(state[name])}
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (
+            lambda state: _changed(state, "head.weight", lambda value: value[:, :5].contiguous()),
+            r"head\.weight: found shape \(64, 5\)",
+        ),
+        (lambda state: {name: value for name, value in state.items() if name != "head.bias"}, "found no head.bias"),
+        (lambda state: {**state, "more": torch.zeros(2)}, "found more"),
+        (lambda state: _changed(state, "head.bias", lambda value: value * torch.nan), "head.bias: found NaN"),
+    ],
+)
+def test_weights_of_another_network_are_refused(network, change, complaint, tmp_path):
+    path = tmp_path / "weights.safetensors"
+    path.write_bytes(save(change(network.state_dict()), {"format": FORMAT}))
+    with pytest.raises(InputError, match=complaint):
+        load_network(path)
+
+
+@pytest.mark.parametrize(
+    "content", [pickle.dumps({"head.bias": [1.0]}), b"", b"\xff" * 100, b"\x10\0\0\0\0\0\0\0" + b"{" * 16]
+)
+def test_anything_but_safetensors_is_refused_unread(content, tmp_path):
+    path = tmp_path / "weights.pt"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"weights\.pt: found something else than safetensors"):
+        load_network(path)
+
+
+def test_a_file_of_another_format_and_a_missing_one_are_refused(network, tmp_path):
+    path = tmp_path / "weights.safetensors"
+    path.write_bytes(save(network.state_dict(), {"format": "another"}))
+    with pytest.raises(InputError, match="found format 'another'"):
+        load_network(path)
+    with pytest.raises(InputError, match="found no such file"):
+        load_network(tmp_path / "nothing")
