@@ -31,10 +31,12 @@ from stages.ingest.roboart.parts import Parts, rigid_parts, top_links
 from stages.ingest.roboart.penetration import penetration_score
 from stages.ingest.roboart.sensor import draw_viewpoints, posed_triangles, sample_posed, sample_visible
 from stages.ingest.roboart.surface import Surface, areas, link_triangles, move
-from stages.ingest.roboart.urdf import Robot, forward_kinematics, read_urdf
+from stages.ingest.roboart.urdf import JointKind, Robot, forward_kinematics, read_urdf
 from stages.ingest.truth import RawTruth
 
 Frames = list[Float64[np.ndarray, "points 3"]]
+# kind of joint, its limits, settings and randomness to its positions, (frames,)
+Sweep = Callable[[JointKind, Float64[np.ndarray, "2"], RoboartConfig, np.random.Generator], np.ndarray]
 Poses = Float64[np.ndarray, "states parts 4 4"]
 
 
@@ -51,14 +53,18 @@ def build_sequence(
 
 
 def build_from_urdf(
-    urdf_path: Path, mesh_dirs: Sequence[Path], config: RoboartConfig, rng: np.random.Generator
+    urdf_path: Path,
+    mesh_dirs: Sequence[Path],
+    config: RoboartConfig,
+    rng: np.random.Generator,
+    sweep: Sweep = draw_sweep,
 ) -> tuple[Frames, RawTruth]:
     """A sequence of any robot with a URDF, in metres and its base link's first frame, and its ground truth.
 
-    `mesh_dirs` are where package:// names are looked up. The states of `RawTruth.joints` are relative:
-    each frame's joint position minus the one in frame 0, so that a joint turns or moves its child by
-    `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read,
-    lacks a mesh, or has no joint that moves a visible part.
+    `mesh_dirs` are where package:// names are looked up; `sweep` draws one joint's positions. The states of
+    `RawTruth.joints` are relative: each frame's joint position minus the one in frame 0, so that a joint turns or moves
+    its child by `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read, lacks a
+    mesh, or has no joint that moves a visible part.
     """
     robot = read_urdf(urdf_path)
     ranges = drive_ranges(robot)
@@ -73,7 +79,7 @@ def build_from_urdf(
         )
     rest = rest_positions(robot, ranges)
     surface = part_surface(robot, parts, triangles, rest)
-    swept, unseen = joint_motion(robot, parts, surface, ranges, rest, config, rng)
+    swept, unseen = joint_motion(robot, parts, surface, ranges, rest, config, rng, sweep)
     Ts_world_part, Ts_world_unseen = (part_poses(robot, parts, positions) for positions in (swept, unseen))
     if config.free_base:
         Ts_world_part, Ts_world_unseen = _free_base(surface, Ts_world_part, Ts_world_unseen, rng)
@@ -149,8 +155,9 @@ def joint_motion(
     rest: Float64[np.ndarray, "joints"],
     config: RoboartConfig,
     rng: np.random.Generator,
+    sweep: Sweep = draw_sweep,
 ) -> tuple[Positions, Positions]:
-    """Joint positions of the frames and of the unseen states."""
+    """Joint positions of the frames, drawn by `sweep`, and of the unseen states."""
     moving = np.zeros(len(robot.joints), dtype=bool)
     moving[parts.joint[1:]] = True
     drives = np.array([j for j in np.flatnonzero(moving) if robot.joints[j].mimic is None])
@@ -159,8 +166,8 @@ def joint_motion(
     def penetration(positions: Positions) -> float:
         return score(part_poses(robot, parts, follow(robot, positions, moving)))
 
-    def sweep(joint: int) -> np.ndarray:
-        return draw_sweep(robot.joints[joint].kind, ranges[joint], config, rng)
+    def swept_by(joint: int) -> np.ndarray:
+        return sweep(robot.joints[joint].kind, ranges[joint], config, rng)
 
     def unseen(joint: int) -> np.ndarray:
         return draw_unseen(ranges[joint], swept[:, joint], rng)
@@ -168,7 +175,7 @@ def joint_motion(
     def lowest(draw: Callable[[int], np.ndarray], states: int) -> Positions:
         return search(draw, penetration, np.tile(rest, (states, 1)), drives, rng)
 
-    swept = lowest(sweep, config.frames)
+    swept = lowest(swept_by, config.frames)
     novel = [lowest(unseen, 1) for _ in range(config.novel_states)]
     return (
         follow(robot, swept, moving),
