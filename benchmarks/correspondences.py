@@ -1,10 +1,10 @@
-"""Flow estimators against the truth: `python benchmarks/correspondences.py --assets DIR [--objects DIR] [--robots A,B]`.
+"""Estimators against the truth: `python benchmarks/correspondences.py --robots A,B --assets DIR [--objects DIR]`.
 
 Robots (--robots, NAME/NAME.urdf in --assets or a package) and other objects (--objects, a folder of NAME/NAME.urdf)
 are sampled while every revolute joint turns by 10, 30, 60 and 120 degrees from frame to frame, as far as its limits
-allow and in directions that keep parts apart; prismatic joints slide by the same share of half their range as that angle
-is of 90 degrees. Then with RoboArt's own motion: all frames, every second, every third, and in random order. The first
-pairs of each are estimated, by each of --estimators.
+allow and in directions that keep parts apart; prismatic joints slide by the same share of half their range as that
+angle is of 90 degrees. Then with RoboArt's own motion: all frames, every second, every third, and in random order. The
+first pairs of each are estimated, by each of --estimators.
 
 Measured in each condition, over the points of its pairs, lengths in % of the diagonal: the share of source points that
 have a match; the share of matches whose target lies within 2 % of where the source point really went; the mean error of
@@ -76,7 +76,7 @@ class Record(Schema):
 
 @dataclass(frozen=True)
 class Condition:
-    """How far joints move: by `step_degrees` a frame, or as RoboArt moves them, every `stride`-th frame or `shuffled`."""
+    """How far joints move: `step_degrees` a frame, or as in RoboArt, of which every `stride`-th frame or `shuffled`."""
 
     name: str
     step_degrees: float | None = None

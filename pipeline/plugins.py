@@ -1,4 +1,4 @@
-"""Swappable parts of stages that are a user's own, named `package.module:function`."""
+"""Swappable parts of stages that are a user's own: functions, named `package.module:function`, and weights."""
 
 from __future__ import annotations
 
@@ -26,15 +26,18 @@ def own_code(name: str) -> dict[str, str]:
     return {} if file is None else {name: hashlib.sha256(file.read_bytes()).hexdigest()}
 
 
+def own_weights(path: Path | None) -> dict[str, str]:
+    """The digest of a file of weights, by its path; empty without one."""
+    return {} if path is None or not path.is_file() else {str(path): hashlib.sha256(path.read_bytes()).hexdigest()}
+
+
 def check_plugins(config: PipelineConfig) -> None:
-    """Raises InputError where a swappable part cannot be found: before hours of computing, not after.
+    """Raises InputError where a swappable part cannot be used: before hours of computing, not after.
 
     Looked up in a child process: the user's module may do anything when it is imported, and the engine
     must stay fit to fork. The parts that are ours by default need no check.
     """
-    default = PipelineConfig()
-    chosen = (config.flow.estimator, config.relaxed_fit.solver)
-    if chosen == (default.flow.estimator, default.relaxed_fit.solver):
+    if _swappable(config) == _swappable(PipelineConfig()):
         return
     receiver, sender = multiprocessing.Pipe(duplex=False)
     child = multiprocessing.Process(target=_resolve, args=(config, sender))
@@ -49,6 +52,10 @@ def check_plugins(config: PipelineConfig) -> None:
         raise InputError(problem)
 
 
+def _swappable(config: PipelineConfig) -> tuple[str | Path | None, ...]:
+    return config.flow.estimator, config.flow.network.weights, config.relaxed_fit.solver
+
+
 def _resolve(config: PipelineConfig, answer: Connection) -> None:
     from stages.registry import resolve
 
@@ -61,6 +68,8 @@ def _resolve(config: PipelineConfig, answer: Connection) -> None:
     try:
         for setting, name, module, registry in parts:
             resolve(setting, name, getattr(importlib.import_module(module), registry))
+        if (weights := config.flow.network.weights) is not None:
+            importlib.import_module("stages.flow.network.weights").load_network(weights)
     except InputError as error:
         problem = str(error)
     answer.send(problem)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.isolated_luigi import luigi
+from pipeline.plugins import own_weights
 from pipeline.task import Job, StageTask
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
@@ -42,6 +43,9 @@ class FlowTask(StageTask):
 
     def function(self) -> str:
         return self.job.config.flow.estimator
+
+    def upstream_keys(self) -> dict[str, str]:
+        return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Flow:
         from stages.flow import estimate_flow

@@ -6,6 +6,7 @@ setting depends on the input's units or the object's size. Presets live in `pipe
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
@@ -60,6 +61,14 @@ class GeometricFlowConfig(Schema):
     max_distance: float = Field(default=2.0, gt=0, description="matches farther apart are dropped, in point spacings")
 
 
+class NetworkFlowConfig(Schema):
+    """The feature network of the estimators `network` and `hybrid` (A.1)."""
+
+    weights: Path | None = Field(
+        default=None, description="weights.safetensors as `reart train-flow` writes it; default: those that are shipped"
+    )
+
+
 class TrainFlowConfig(Schema):
     """`reart train-flow`: what the feature network is trained on, and how long (A.1)."""
 
@@ -89,6 +98,7 @@ class FlowConfig(Schema):
 
     estimator: str = Field(default="geometric", description="registered name or package.module:function")
     geometric: GeometricFlowConfig = GeometricFlowConfig()
+    network: NetworkFlowConfig = NetworkFlowConfig()
 
 
 class EnergyConfig(Schema):

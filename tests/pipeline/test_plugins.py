@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.plugins import _resolve, own_code
+from pipeline.plugins import _resolve, own_code, own_weights
 from pipeline.presets import load_config
 
 
@@ -35,6 +35,23 @@ def test_what_cannot_be_used_is_told_by_its_setting(ask, name):
         problem = ask(f"{setting}={name}")
         assert problem.startswith(f"{setting}: ")
         assert name in problem
+
+
+def test_weights_that_are_none_are_told_before_anything_runs(ask, tmp_path):
+    path = tmp_path / "weights.safetensors"
+    assert "found no such file" in ask(f"flow.network.weights={path}")
+    path.write_bytes(b"\x80\x04N.")  # a pickle
+    assert "found something else than safetensors" in ask(f"flow.network.weights={path}")
+
+
+def test_the_digest_of_weights_follows_the_file(tmp_path):
+    path = tmp_path / "weights.safetensors"
+    assert own_weights(None) == own_weights(path) == {}
+    path.write_bytes(b"one")
+    before = own_weights(path)
+    path.write_bytes(b"two")
+    assert list(before) == list(own_weights(path)) == [str(path)]
+    assert before != own_weights(path)
 
 
 def test_the_digest_of_ones_own_code_follows_its_file_and_runs_nothing(tmp_path, monkeypatch):

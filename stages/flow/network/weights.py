@@ -14,7 +14,7 @@ from schemas.errors import InputError
 from stages.flow.network.model import FeatureNetwork
 
 FORMAT = "rearticulate flow network 1"
-SHIPPED = Path(__file__).with_name("weights.safetensors")
+SHIPPED = Path(__file__).with_name("weights.safetensors")  # other ones need another version of the flow task
 
 
 def weights_file(network: FeatureNetwork, notes: Mapping[str, str]) -> bytes:

@@ -63,8 +63,8 @@ def build_from_urdf(
 
     `mesh_dirs` are where package:// names are looked up; `sweep` draws one joint's positions. The states of
     `RawTruth.joints` are relative: each frame's joint position minus the one in frame 0, so that a joint turns or moves
-    its child by `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read, lacks a
-    mesh, or has no joint that moves a visible part.
+    its child by `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read, lacks
+    a mesh, or has no joint that moves a visible part.
     """
     robot = read_urdf(urdf_path)
     ranges = drive_ranges(robot)
