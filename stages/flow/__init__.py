@@ -14,7 +14,9 @@ from jaxtyping import Float64
 from schemas.config import FlowConfig
 from schemas.flow import Flow
 from schemas.sequence import PointSequence
+from stages.flow.descriptors import estimate_fpfh, fpfh
 from stages.flow.geometric import estimate_geometric
+from stages.flow.hybrid import hybrid
 from stages.flow.pair import PairFlow
 from stages.progress import Progress, silent
 from stages.registry import resolve
@@ -35,7 +37,12 @@ def estimate_none(
     return [PairFlow(nothing, nothing, np.zeros((0, 3)), np.zeros(0)) for _ in frames[1:]]
 
 
-ESTIMATORS: dict[str, Estimator] = {"geometric": estimate_geometric, "none": estimate_none}
+ESTIMATORS: dict[str, Estimator] = {
+    "geometric": estimate_geometric,
+    "hybrid": hybrid(fpfh),
+    "fpfh": estimate_fpfh,
+    "none": estimate_none,
+}
 
 
 def estimate_flow(

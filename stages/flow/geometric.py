@@ -42,34 +42,53 @@ def estimate_geometric(
     pairs: list[PairFlow] = []
     previous: NodeMotion | None = None
     for t in range(len(frames) - 1):
-        pair, previous = align_pair(frames[t], frames[t + 1], config.geometric, previous)
-        pairs.append(pair)
+        pair = FramePair.of(frames[t], frames[t + 1], config.geometric)
+        previous = align(pair, config.geometric, previous)
+        pairs.append(pair.flow(previous.Ts, config.geometric.max_distance))
         progress(t + 1, len(frames) - 1)
     return pairs
 
 
-def align_pair(
-    source: Float64[np.ndarray, "points 3"],
-    target: Float64[np.ndarray, "targets 3"],
-    config: GeometricFlowConfig,
-    previous: NodeMotion | None = None,
-) -> tuple[PairFlow, NodeMotion]:
-    """Flow from `source` to `target`, and the nodes' motion as a start for the next pair."""
-    working = source[working_points(source, config.points)]
-    working_target = target[working_points(target, config.points)]
-    noise = spacing(working_target)
-    fine = _alignment(working, working_target, config.nodes, config.neighbours, noise)
-    coarse = _alignment(
-        working[farthest_points(working, config.coarse_points)],
-        working_target[farthest_points(working_target, config.coarse_points)],
-        min(config.coarse_nodes, config.nodes),
-        config.neighbours,
-        noise,
-    )
-    Ts = _coarse_to_fine(coarse, fine, previous, config)
-    warped = _warp_all(fine.graph, Ts, working, source)
-    pair = mutual_matches(source, warped, target, spacing(target), config.max_distance)
-    return pair, NodeMotion(move_points(Ts, fine.graph.p_nodes), Ts)
+@dataclass(frozen=True)
+class FramePair:
+    """Two frames and the alignments of their working points, by few nodes and by many."""
+
+    source: Float64[np.ndarray, "points 3"]
+    target: Float64[np.ndarray, "targets 3"]
+    coarse: Alignment
+    fine: Alignment
+
+    @classmethod
+    def of(
+        cls,
+        source: Float64[np.ndarray, "points 3"],
+        target: Float64[np.ndarray, "targets 3"],
+        config: GeometricFlowConfig,
+    ) -> FramePair:
+        """Thin both frames and spread the nodes."""
+        working = source[working_points(source, config.points)]
+        working_target = target[working_points(target, config.points)]
+        noise = spacing(working_target)
+        fine = _alignment(working, working_target, config.nodes, config.neighbours, noise)
+        coarse = _alignment(
+            working[farthest_points(working, config.coarse_points)],
+            working_target[farthest_points(working_target, config.coarse_points)],
+            min(config.coarse_nodes, config.nodes),
+            config.neighbours,
+            noise,
+        )
+        return cls(source, target, coarse, fine)
+
+    def flow(self, Ts: Float64[np.ndarray, "nodes 4 4"], max_distance: float) -> PairFlow:
+        """What the motions of the fine nodes say of all points."""
+        warped = _warp_all(self.fine.graph, Ts, self.fine.source, self.source)
+        return mutual_matches(self.source, warped, self.target, spacing(self.target), max_distance)
+
+
+def align(pair: FramePair, config: GeometricFlowConfig, previous: NodeMotion | None) -> NodeMotion:
+    """The motion of the fine nodes, from the best of several starts; `previous` is that of the pair before."""
+    Ts = _coarse_to_fine(pair.coarse, pair.fine, previous, config)
+    return NodeMotion(move_points(Ts, pair.fine.graph.p_nodes), Ts)
 
 
 def _alignment(
@@ -91,28 +110,31 @@ def _coarse_to_fine(
     what stands still where it is.
     """
     levels = len(config.stiffness)
-    schedule = list(zip(config.stiffness, np.geomspace(REACH_COARSE, REACH_FINE, levels), strict=True))
     middle = levels // 2
-
-    def follow(
-        alignment: Alignment, Ts: Float64[np.ndarray, "nodes 4 4"], levels: slice
-    ) -> Float64[np.ndarray, "nodes 4 4"]:
-        for stiffness, reach in schedule[levels]:
-            for _ in range(config.iterations):
-                Ts = alignment.step(Ts, stiffness, reach)
-        return Ts
-
     p_nodes = coarse.graph.p_nodes
     starts = [np.tile(np.eye(4), (len(p_nodes), 1, 1))]
     if previous is not None:
         starts.append(previous.Ts[nearest(KDTree(previous.p_nodes), p_nodes)[1]])
     reached = [
-        follow(coarse, start, slice(first, middle + 1)) for start in starts for first in dict.fromkeys((0, middle))
+        follow(coarse, start, config, slice(first, middle + 1))
+        for start in starts
+        for first in dict.fromkeys((0, middle))
     ]
     best = min(reached, key=lambda Ts: coarse.cost(Ts, REACH_FINE))
     # a fine node's coarse one is the nearest along the surface, so that touching limbs keep motions of their own
     coarse_node = coarse.graph.anchors[nearest(KDTree(coarse.source), fine.graph.p_nodes)[1], 0]
-    return follow(fine, best[coarse_node], slice(min(middle + 1, levels - 1), levels))
+    return follow(fine, best[coarse_node], config, slice(min(middle + 1, levels - 1), levels))
+
+
+def follow(
+    alignment: Alignment, Ts: Float64[np.ndarray, "nodes 4 4"], config: GeometricFlowConfig, levels: slice
+) -> Float64[np.ndarray, "nodes 4 4"]:
+    """The nodes' motion after some levels of the schedule, stiff to soft."""
+    schedule = zip(config.stiffness, np.geomspace(REACH_COARSE, REACH_FINE, len(config.stiffness)), strict=True)
+    for stiffness, reach in list(schedule)[levels]:
+        for _ in range(config.iterations):
+            Ts = alignment.step(Ts, stiffness, reach)
+    return Ts
 
 
 def _warp_all(

@@ -40,12 +40,31 @@ def expansion_move(
     both_stay = prices[free] * (labels[nodes[i]] != labels[nodes[j]])
     j_switches = prices[free] * (labels[nodes[i]] != alpha)
     i_switches = prices[free] * (labels[nodes[j]] != alpha)
-    # E(x_i, x_j) = both_stay + (i_switches - both_stay) x_i - i_switches x_j + coupling (1 - x_i) x_j
-    np.add.at(cost_switch, i, i_switches - both_stay)
-    np.add.at(cost_switch, j, -i_switches)
-    coupling = j_switches + i_switches - both_stay
-    switches = _minimum_cut(cost_switch - cost_stay, i, j, coupling)
-    gain = (cost_stay - cost_switch)[switches].sum() - coupling[~switches[i] & switches[j]].sum()
+    return best_switches(cost_stay, cost_switch, np.stack([i, j], axis=1), both_stay, i_switches, j_switches)
+
+
+def best_switches(
+    stay: Float64[np.ndarray, "nodes"],
+    switch: Float64[np.ndarray, "nodes"],
+    edges: Int64[np.ndarray, "edges 2"],
+    both_stay: Float64[np.ndarray, "edges"],
+    first_switches: Float64[np.ndarray, "edges"],
+    second_switches: Float64[np.ndarray, "edges"],
+) -> tuple[Bool[np.ndarray, "nodes"], float]:
+    """The best set of nodes to switch, and how much that lowers the energy, by one minimum cut.
+
+    A node costs `stay` or `switch`; an edge costs nothing where both ends switch, else what the last three arrays say.
+    It is the global optimum where no edge costs more with both ends staying than with either one switched, together:
+    so it is where these are distances, in some metric, between what the ends have and the one thing they switch to.
+    """
+    i, j = edges.T
+    # E(x_i, x_j) = both_stay + (first_switches - both_stay) x_i - first_switches x_j + coupling (1 - x_i) x_j
+    switch = switch.copy()
+    np.add.at(switch, i, first_switches - both_stay)
+    np.add.at(switch, j, -first_switches)
+    coupling = second_switches + first_switches - both_stay
+    switches = _minimum_cut(switch - stay, i, j, coupling)
+    gain = (stay - switch)[switches].sum() - coupling[~switches[i] & switches[j]].sum()
     return switches, float(gain)
 
 

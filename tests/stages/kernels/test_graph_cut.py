@@ -3,7 +3,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from stages.kernels.graph_cut import expansion_move
+from stages.kernels.graph_cut import best_switches, expansion_move
 
 
 def energy(labels, unary, edges, prices):
@@ -58,3 +58,22 @@ def test_the_boundary_runs_where_edges_are_cheap():
         switches, gain = expansion_move(labels, 1, nodes, stay, switch, edges, prices)
         np.testing.assert_array_equal(switches, np.arange(6) <= cheap)
         assert gain == pytest.approx(9.0 - 0.1 * cheap - 0.5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_switches_are_the_best_of_all_where_edges_cost_a_distance(seed):
+    rng = np.random.default_rng(seed)
+    stay, switch = rng.uniform(0, 2, size=(2, 7))
+    edges = np.array([(i, j) for i in range(7) for j in range(i) if rng.uniform() < 0.4])
+    places, place = rng.uniform(size=(7, 2)), rng.uniform(size=2)
+
+    def energy_of(move):
+        p = np.where(move[:, None], place, places)
+        gap = np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1)
+        return np.where(move, switch, stay).sum() + gap.sum()
+
+    (a, b), to = places[edges.T], np.linalg.norm(places - place, axis=1)
+    switches, gain = best_switches(stay, switch, edges, np.linalg.norm(a - b, axis=1), *to[edges.T][::-1])
+    best = min(energy_of(np.array(move)) for move in product([False, True], repeat=7))
+    assert energy_of(switches) == pytest.approx(best, abs=0.02)
+    assert gain == pytest.approx(energy_of(np.zeros(7, dtype=bool)) - energy_of(switches), abs=1e-9)

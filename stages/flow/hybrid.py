@@ -1,0 +1,95 @@
+"""Estimator `hybrid`: `geometric`, with a further start for large motions that comes from matches of a descriptor.
+
+Where the alignment of `geometric` leaves more than sampling noise between two frames, their descriptors are matched,
+most likely wrongly in part; rigid pieces that explain the matches and the target are put together to a start; and what
+the same deformation graph makes of it is taken where that fits better. Without matches it is `geometric`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from schemas.config import FlowConfig, GeometricFlowConfig
+from stages.flow.geometric import REACH_FINE, FramePair, NodeMotion, align, follow
+from stages.flow.match import mutual_nearest
+from stages.flow.pair import PairFlow
+from stages.kernels.piecewise_rigid import Nodes, Surface, piecewise_rigid
+from stages.kernels.sampling import working_points
+from stages.progress import Progress
+
+Describe = Callable[[Float64[np.ndarray, "points 3"]], Float[np.ndarray, "points features"]]
+Estimate = Callable[[Sequence[np.ndarray], FlowConfig, np.random.Generator, Progress], list[PairFlow]]
+
+DESCRIBED = 4096  # points of a frame that are described
+GOOD_COST = 0.42  # an alignment that costs less leaves nothing but sampling noise
+
+
+def hybrid(describe: Describe) -> Estimate:
+    """The estimator that takes its matches from a descriptor.
+
+    `describe` gives each point of a cloud (points, 3) features of unit length, (points, features), whose dot product
+    says how likely two points are the same place.
+    """
+
+    def estimate(
+        frames: Sequence[Float64[np.ndarray, "points 3"]],
+        config: FlowConfig,
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> list[PairFlow]:
+        """Flow of each consecutive pair of frames; triples of matches are drawn with `rng`."""
+
+        @cache
+        def described(t: int) -> tuple[np.ndarray, np.ndarray]:
+            points = frames[t][working_points(frames[t], DESCRIBED)]
+            return points, describe(points)
+
+        pairs: list[PairFlow] = []
+        previous: NodeMotion | None = None
+        for t in range(len(frames) - 1):
+            pair = FramePair.of(frames[t], frames[t + 1], config.geometric)
+            previous = align(pair, config.geometric, previous)
+            Ts = previous.Ts
+            if pair.fine.cost(Ts, REACH_FINE) > GOOD_COST:
+                p_from, p_to = matched_places(*described(t), *described(t + 1))
+                Ts = better_motion(pair, Ts, p_from, p_to, config.geometric, rng)
+            pairs.append(pair.flow(Ts, config.geometric.max_distance))
+            progress(t + 1, len(frames) - 1)
+        return pairs
+
+    return estimate
+
+
+def matched_places(
+    source: Float64[np.ndarray, "points 3"],
+    features: Float[np.ndarray, "points features"],
+    target: Float64[np.ndarray, "targets 3"],
+    target_features: Float[np.ndarray, "targets features"],
+) -> tuple[Float64[np.ndarray, "matches 3"], Float64[np.ndarray, "matches 3"]]:
+    """Places of the source and where their features are found in the target."""
+    matches = mutual_nearest(features, target_features)
+    return source[matches.source_index], target[matches.target_index]
+
+
+def better_motion(
+    pair: FramePair,
+    Ts: Float64[np.ndarray, "nodes 4 4"],
+    p_from: Float64[np.ndarray, "matches 3"],
+    p_to: Float64[np.ndarray, "matches 3"],
+    config: GeometricFlowConfig,
+    rng: np.random.Generator,
+) -> Float64[np.ndarray, "nodes 4 4"]:
+    """The motion of the fine nodes that a start from matches leads to, if it fits better than `Ts`; else `Ts`."""
+    if len(p_from) < 3:  # which say nothing of a rigid motion
+        return Ts
+    fine, graph = pair.fine, pair.fine.graph
+    nodes = Nodes(graph.p_nodes, graph.edges[graph.edges[:, 0] < graph.edges[:, 1]], graph.anchors[:, 0].copy())
+    surfaces = Surface.of(fine.source), Surface.of(fine.target)
+    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, np.eye(4)[None], fine.noise, rng)
+    # only the last, softest level: stiffer ones pull joints that are bent far out of shape
+    found = follow(fine, start, config, slice(-1, None))
+    return min((Ts, found), key=lambda motion: fine.cost(motion, REACH_FINE))

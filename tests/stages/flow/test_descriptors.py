@@ -1,0 +1,23 @@
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from schemas.config import FlowConfig
+from stages.flow import estimate_flow
+from stages.flow.descriptors import fpfh
+
+
+def test_descriptors_have_unit_length_and_do_not_turn_with_the_cloud(hinge):
+    points = hinge.sequence.frames()[0]
+    turned = points @ Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix().T + [1.0, -2.0, 0.5]
+    features = fpfh(points)
+    np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1)
+    assert np.median(np.linalg.norm(fpfh(turned) - features, axis=1)) < 0.05
+
+
+def test_the_estimator_fpfh_says_where_matched_points_went(hinge):
+    flow = estimate_flow(hinge.sequence, FlowConfig(estimator="fpfh"), np.random.default_rng(0))
+    frames = hinge.sequence.frames()
+    assert (flow.match_counts > 20).all()
+    for t, (source, target, motion, confidence) in enumerate(flow.pairs()):
+        np.testing.assert_allclose(frames[t][source] + motion, frames[t + 1][target])
+        assert ((confidence >= 0) & (confidence <= 1)).all()
