@@ -6,7 +6,7 @@ An estimator is a function `(frames, config, rng, progress) -> list[PairFlow]`; 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float64
@@ -14,16 +14,14 @@ from jaxtyping import Float64
 from schemas.config import FlowConfig
 from schemas.flow import Flow
 from schemas.sequence import PointSequence
-from stages.flow.descriptors import estimate_fpfh, fpfh
+from stages.flow.descriptors import fpfh
 from stages.flow.geometric import estimate_geometric
 from stages.flow.hybrid import hybrid
+from stages.flow.match import Estimator, matching
+from stages.flow.network.describe import describe
 from stages.flow.pair import PairFlow
 from stages.progress import Progress, silent
 from stages.registry import resolve
-
-Estimator = Callable[
-    [Sequence[Float64[np.ndarray, "points 3"]], FlowConfig, np.random.Generator, Progress], list[PairFlow]
-]
 
 
 def estimate_none(
@@ -39,8 +37,9 @@ def estimate_none(
 
 ESTIMATORS: dict[str, Estimator] = {
     "geometric": estimate_geometric,
-    "hybrid": hybrid(fpfh),
-    "fpfh": estimate_fpfh,
+    "network": matching(describe),
+    "hybrid": hybrid(describe),
+    "fpfh": matching(fpfh),
     "none": estimate_none,
 }
 

@@ -7,33 +7,26 @@ the same deformation graph makes of it is taken where that fits better. Without 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 
 from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.geometric import REACH_FINE, FramePair, NodeMotion, align, follow
-from stages.flow.match import mutual_nearest
+from stages.flow.match import Describe, Described, Estimator, mutual_matches
 from stages.flow.pair import PairFlow
 from stages.kernels.piecewise_rigid import Nodes, Surface, piecewise_rigid
 from stages.kernels.sampling import working_points
 from stages.progress import Progress
 
-Describe = Callable[[Float64[np.ndarray, "points 3"]], Float[np.ndarray, "points features"]]
-Estimate = Callable[[Sequence[np.ndarray], FlowConfig, np.random.Generator, Progress], list[PairFlow]]
-
 DESCRIBED = 4096  # points of a frame that are described
 GOOD_COST = 0.42  # an alignment that costs less leaves nothing but sampling noise
 
 
-def hybrid(describe: Describe) -> Estimate:
-    """The estimator that takes its matches from a descriptor.
-
-    `describe` gives each point of a cloud (points, 3) features of unit length, (points, features), whose dot product
-    says how likely two points are the same place.
-    """
+def hybrid(describe: Describe) -> Estimator:
+    """The estimator that takes its matches from a descriptor."""
 
     def estimate(
         frames: Sequence[Float64[np.ndarray, "points 3"]],
@@ -44,9 +37,9 @@ def hybrid(describe: Describe) -> Estimate:
         """Flow of each consecutive pair of frames; triples of matches are drawn with `rng`."""
 
         @cache
-        def described(t: int) -> tuple[np.ndarray, np.ndarray]:
+        def described(t: int) -> Described:
             points = frames[t][working_points(frames[t], DESCRIBED)]
-            return points, describe(points)
+            return Described(points, describe(points, config))
 
         pairs: list[PairFlow] = []
         previous: NodeMotion | None = None
@@ -55,24 +48,15 @@ def hybrid(describe: Describe) -> Estimate:
             previous = align(pair, config.geometric, previous)
             Ts = previous.Ts
             if pair.fine.cost(Ts, REACH_FINE) > GOOD_COST:
-                p_from, p_to = matched_places(*described(t), *described(t + 1))
+                source, target = described(t), described(t + 1)
+                matches = mutual_matches(source, target)
+                p_from, p_to = source.p[matches.source_index], target.p[matches.target_index]
                 Ts = better_motion(pair, Ts, p_from, p_to, config.geometric, rng)
             pairs.append(pair.flow(Ts, config.geometric.max_distance))
             progress(t + 1, len(frames) - 1)
         return pairs
 
     return estimate
-
-
-def matched_places(
-    source: Float64[np.ndarray, "points 3"],
-    features: Float[np.ndarray, "points features"],
-    target: Float64[np.ndarray, "targets 3"],
-    target_features: Float[np.ndarray, "targets features"],
-) -> tuple[Float64[np.ndarray, "matches 3"], Float64[np.ndarray, "matches 3"]]:
-    """Places of the source and where their features are found in the target."""
-    matches = mutual_nearest(features, target_features)
-    return source[matches.source_index], target[matches.target_index]
 
 
 def better_motion(

@@ -1,13 +1,35 @@
-"""Matches of two clouds by features of their points."""
+"""Matches of two clouds by features of their points, and the estimators that go by nothing else."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Float, Float32, Float64, Int64
 
-CHUNK = 1024  # rows of the score matrix that are held at a time
+from schemas.config import FlowConfig
+from stages.flow.pair import PairFlow
+from stages.kernels.nearest import KDTree
+from stages.progress import Progress
+
+Describe = Callable[[Float64[np.ndarray, "points 3"], FlowConfig], Float[np.ndarray, "points features"]]
+Estimator = Callable[
+    [Sequence[Float64[np.ndarray, "points 3"]], FlowConfig, np.random.Generator, Progress], list[PairFlow]
+]
+
+SAME_PLACE = 0.02  # points as near as this, in diagonals, are one place: clouds are sampled anew in every frame
+AROUND = 16  # points at most that are taken for the same place
+CHUNK = 1024  # rows of the matching matrix that are held at a time
+
+
+@dataclass(frozen=True)
+class Described:
+    """A cloud in the normalised frame and its features; dot products with another cloud's are logits of S(P) (A.1)."""
+
+    p: Float64[np.ndarray, "points 3"]
+    features: Float[np.ndarray, "points features"]
 
 
 @dataclass(frozen=True)
@@ -19,33 +41,65 @@ class Matches:
     confidence: Float64[np.ndarray, "matches"]
 
 
-def mutual_nearest(
-    source: Float[np.ndarray, "points features"], target: Float[np.ndarray, "targets features"]
-) -> Matches:
-    """Pairs of points whose features have each other's largest dot product; confident where no other is as large.
+def matching(describe: Describe) -> Estimator:
+    """The estimator whose flow is the matched points' difference."""
 
-    For features of unit length that is the nearest in Euclid's sense too. The confidence is that of a two-way choice:
-    one minus the second largest score over the largest, with scores in units of the spread of the best ones.
+    def estimate(
+        frames: Sequence[Float64[np.ndarray, "points 3"]],
+        config: FlowConfig,
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> list[PairFlow]:
+        described = [Described(p, describe(p, config)) for p in frames]
+        pairs = []
+        for t, (source, target) in enumerate(pairwise(described)):
+            matches = mutual_matches(source, target)
+            flow = target.p[matches.target_index] - source.p[matches.source_index]
+            pairs.append(PairFlow(matches.source_index, matches.target_index, flow, matches.confidence))
+            progress(t + 1, len(frames) - 1)
+        return pairs
+
+    return estimate
+
+
+def mutual_matches(source: Described, target: Described) -> Matches:
+    """Each source point's likeliest target point, where that one's likeliest source point is at the same place.
+
+    Being each other's likeliest to the very point is asking too much: even the true motion makes only half of two
+    clouds' points each other's nearest. The confidence is the probability of all target points at the matched place.
     """
-    best, second, forward = _largest(source, target)
-    backward = _largest(target, source)[2]
-    index = np.arange(len(source))
-    kept = np.flatnonzero(backward[forward] == index) if len(target) else np.zeros(0, dtype=np.int64)
-    margin = best[kept] - second[kept]
-    typical = np.median(margin) if len(kept) else 1.0
-    return Matches(kept, forward[kept], margin / (margin + typical + 1e-12))
+    if len(source.p) == 0 or len(target.p) == 0:
+        nothing = np.zeros(0, dtype=np.int64)
+        return Matches(nothing, nothing, np.zeros(0))
+    around = _around(target.p)
+    rows = [slice(start, start + CHUNK) for start in range(0, len(source.p), CHUNK)]
+    forward, confidence = (
+        np.concatenate(found) for found in zip(*(_likeliest(source, target, around, r) for r in rows), strict=True)
+    )
+    backward = np.concatenate(
+        [
+            (target.features[start : start + CHUNK] @ source.features.T).argmax(axis=1)
+            for start in range(0, len(target.p), CHUNK)
+        ]
+    )
+    back = np.linalg.norm(source.p[backward[forward]] - source.p, axis=1)
+    kept = np.flatnonzero(back <= SAME_PLACE)
+    return Matches(kept, forward[kept], confidence[kept].astype(np.float64))
 
 
-def _largest(
-    a: Float[np.ndarray, "rows features"], b: Float[np.ndarray, "columns features"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each row's largest and second largest dot product, and whose the largest is."""
-    best, second, index = np.zeros(len(a)), np.zeros(len(a)), np.zeros(len(a), dtype=np.int64)
-    for start in range(0, len(a) if len(b) > 1 else 0, CHUNK):
-        rows = slice(start, start + CHUNK)
-        scores = a[rows] @ b.T
-        index[rows] = scores.argmax(axis=1)
-        best[rows] = np.take_along_axis(scores, index[rows, None], axis=1)[:, 0]
-        np.put_along_axis(scores, index[rows, None], -np.inf, axis=1)
-        second[rows] = scores.max(axis=1)
-    return best, second, index
+def _around(p: Float64[np.ndarray, "points 3"]) -> Int64[np.ndarray, "points around"]:
+    """The points at the same place as each point, itself the first; `len(p)` where there are fewer."""
+    count = min(AROUND, len(p))
+    return KDTree(p).query(p, k=count, distance_upper_bound=SAME_PLACE)[1].reshape(len(p), count).astype(np.int64)
+
+
+def _likeliest(
+    source: Described, target: Described, around: Int64[np.ndarray, "targets around"], rows: slice
+) -> tuple[Int64[np.ndarray, "rows"], Float32[np.ndarray, "rows"]]:
+    """Each row's likeliest target point, and the probability of all points at its place."""
+    logits = source.features[rows] @ target.features.T
+    chosen = logits.argmax(axis=1)
+    probability = np.exp(logits - logits.max(axis=1, keepdims=True))
+    probability /= probability.sum(axis=1, keepdims=True)
+    padded = np.column_stack([probability, np.zeros(len(chosen))])
+    return chosen, np.minimum(np.take_along_axis(padded, around[chosen], axis=1).sum(axis=1), 1.0)

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
+from schemas.config import FlowConfig
 from stages.flow.network.geometry import cloud_geometry
-from stages.flow.network.model import FEATURES, Clouds, FeatureNetwork
-from stages.flow.network.weights import load_network
+from stages.flow.network.model import FEATURES, Clouds
+from stages.flow.network.weights import SHIPPED, load_network
 
 network_of = lru_cache(load_network)
 
 
-def describe(points: Float64[np.ndarray, "points 3"], weights: Path) -> Float32[np.ndarray, "points 64"]:
-    """f(P) (A.1), scaled so that dot products are the logits of the matching matrix S(P).
+def describe(points: Float64[np.ndarray, "points 3"], config: FlowConfig) -> Float32[np.ndarray, "points 64"]:
+    """f(P) (A.1) of a cloud in the normalised frame, scaled so that dot products are the logits of S(P).
 
-    `points` are in the normalised frame. Raises InputError for a file that holds no weights of the network.
+    Raises InputError where the configuration names a file that does not hold the network's weights.
     """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    network: FeatureNetwork = network_of(weights).to(device)
+    network = network_of(config.network.weights or SHIPPED).to(device)
     with torch.inference_mode():
         features = network(Clouds.of([cloud_geometry(points)], device))[0]
     return (features / FEATURES**0.25).cpu().numpy()

@@ -52,12 +52,13 @@ def error(pair, folded):
 def test_it_is_geometric_where_nothing_looks_alike(hinge):
     frames = hinge.sequence.frames()[:3]
     assert_same(
-        estimate(hybrid(lambda points: np.zeros((len(points), 4))), frames), estimate(estimate_geometric, frames)
+        estimate(hybrid(lambda points, config: np.zeros((len(points), 4))), frames),
+        estimate(estimate_geometric, frames),
     )
 
 
 def test_an_alignment_that_leaves_only_noise_is_not_described(hinge):
-    def describe(points):
+    def describe(points, config):
         raise AssertionError("described")
 
     frame = hinge.sequence.frames()[0]
@@ -86,12 +87,12 @@ def test_the_descriptor_is_asked_for_each_frame_once_and_believed(folded):
     before, after, _ = folded
     rng = np.random.default_rng(1)
     codes = rng.normal(size=(len(before), 16))
-    codes /= np.linalg.norm(codes, axis=1, keepdims=True)
+    codes *= 5 / np.linalg.norm(codes, axis=1, keepdims=True)
     features = {before[0, 0]: codes, after[0, 0]: rng.normal(size=(len(after), 16)) / 16}
     features[after[0, 0]][matches(folded, 1.0)] = codes
     asked = []
 
-    def describe(points):
+    def describe(points, config):
         asked.append(points[0, 0])
         return features[points[0, 0]]
 

@@ -1,40 +1,49 @@
 import numpy as np
 import pytest
 
-from stages.flow.match import mutual_nearest
+from stages.flow.match import CHUNK, SAME_PLACE, Described, mutual_matches
 
 
-def unit(rng, rows, features):
-    f = rng.normal(size=(rows, features))
-    return f / np.linalg.norm(f, axis=1, keepdims=True)
+def described(rng, rows, features=8):
+    return Described(rng.uniform(size=(rows, 3)), 3 * rng.normal(size=(rows, features)))
 
 
-def test_matches_are_those_of_a_naive_search():
+def test_matches_and_confidences_are_those_of_a_naive_search():
     rng = np.random.default_rng(0)
-    source, target = unit(rng, 1500, 8), unit(rng, 1300, 8)
-    scores = source @ target.T
-    forward, backward = scores.argmax(axis=1), scores.argmax(axis=0)
-    expected = [(i, j) for i, j in enumerate(forward) if backward[j] == i]
-    matches = mutual_nearest(source, target)
+    source, target = described(rng, CHUNK + 300), described(rng, CHUNK + 100)
+    target.p[:50] = target.p[50:100] + 0.004  # some at one place
+    S = np.exp(source.features @ target.features.T)
+    S /= S.sum(axis=1, keepdims=True)
+    back = (source.features @ target.features.T).argmax(axis=0)
+    expected, confidence = [], []
+    for i, j in enumerate(S.argmax(axis=1)):
+        if np.linalg.norm(source.p[back[j]] - source.p[i]) <= SAME_PLACE:
+            expected.append((i, j))
+            confidence.append(S[i, np.linalg.norm(target.p - target.p[j], axis=1) < SAME_PLACE].sum())
+    matches = mutual_matches(source, target)
     assert list(zip(matches.source_index, matches.target_index, strict=True)) == expected
-    assert ((matches.confidence >= 0) & (matches.confidence <= 1)).all()
+    np.testing.assert_allclose(matches.confidence, confidence, rtol=1e-6)
 
 
-def test_a_cloud_in_another_order_is_matched_whole():
-    rng = np.random.default_rng(1)
-    features, order = unit(rng, 50, 6), rng.permutation(50)
-    matches = mutual_nearest(features, features[order])
-    np.testing.assert_array_equal(order[matches.target_index], np.arange(50))
+def test_a_way_back_to_the_same_place_is_enough():
+    p = np.array([[0.0, 0, 0], [0.5 * SAME_PLACE, 0, 0], [1.0, 0, 0]])
+    source = Described(p, 5 * np.array([[1.0, 0], [1.1, 0], [0, 1.0]]))
+    target = Described(p[[0, 2]], 5 * np.eye(2))
+    np.testing.assert_array_equal(mutual_matches(source, target).source_index, [0, 1, 2])
+    far = Described(p * 10, source.features)
+    np.testing.assert_array_equal(mutual_matches(far, target).source_index, [1, 2])
 
 
 def test_what_looks_like_something_else_is_matched_with_less_confidence():
-    target = np.eye(4)
-    source = np.array([[1.0, 0, 0, 0], [0, 0.8, 0.6, 0]])
-    matches = mutual_nearest(source, target)
+    p = np.eye(4)[:, :3]
+    source = Described(p[:2], 4 * np.array([[1.0, 0, 0, 0], [0, 0.8, 0.6, 0]]))
+    matches = mutual_matches(source, Described(p, 4 * np.eye(4)))
     np.testing.assert_array_equal(matches.target_index, [0, 1])
-    assert matches.confidence[0] > matches.confidence[1]
+    assert 1 >= matches.confidence[0] > matches.confidence[1] > 0
 
 
-@pytest.mark.parametrize(("points", "targets"), [(0, 3), (3, 0), (0, 0), (1, 1)])
+@pytest.mark.parametrize(("points", "targets"), [(0, 3), (3, 0), (0, 0), (1, 1), (1, 40)])
 def test_clouds_of_hardly_a_point_have_at_most_one_match(points, targets):
-    assert len(mutual_nearest(np.ones((points, 2)), np.ones((targets, 2))).source_index) == min(points, targets, 1)
+    rng = np.random.default_rng(0)
+    matches = mutual_matches(described(rng, points), described(rng, targets))
+    assert len(matches.source_index) == min(points, targets, 1)

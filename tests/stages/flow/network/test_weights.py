@@ -6,7 +6,7 @@ from safetensors.torch import save
 
 from schemas.errors import InputError
 from stages.flow.network.model import FeatureNetwork
-from stages.flow.network.weights import FORMAT, load_network, weights_file
+from stages.flow.network.weights import FORMAT, SHIPPED, load_network, weights_file
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +64,8 @@ def test_a_file_of_another_format_and_a_missing_one_are_refused(network, tmp_pat
         load_network(path)
     with pytest.raises(InputError, match="found no such file"):
         load_network(tmp_path / "nothing")
+
+
+def test_the_shipped_weights_are_small_and_can_be_loaded():
+    assert SHIPPED.stat().st_size < 10_000_000
+    load_network(SHIPPED)
