@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,11 @@ class RawTruth:
     parent: Int64[np.ndarray, "parts"]
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = ()
+
+    def every(self, step: int) -> RawTruth:
+        """That of every `step`-th frame, from the first on."""
+        joints = tuple(joint.model_copy(update={"states": joint.states[::step]}) for joint in self.joints)
+        return replace(self, labels=self.labels[::step], Ts_frame_first=self.Ts_frame_first[::step], joints=joints)
 
 
 def truth_files(path: Path) -> list[Path]:

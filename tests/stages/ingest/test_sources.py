@@ -223,3 +223,20 @@ def test_a_robot_arrives_normalised_in_metres_with_its_truth() -> None:
     assert loaded.truth is not None
     assert loaded.truth.joints
     assert loaded.truth.Ts_novel_first.shape[0] == 1
+
+
+def test_every_second_frame_is_the_sequence_of_those_frames_with_their_truth() -> None:
+    source = RoboartSource("bolt", "bolt")
+    config = IngestConfig(source="roboart", units="metre", roboart={"points": 300, "frames": 5})
+    whole, half = (
+        source.load(config.model_copy(update={"every": every}), np.random.default_rng(0)) for every in (1, 2)
+    )
+    assert half.sequence.frame_names == whole.sequence.frame_names[::2]
+    for here, there in zip(half.sequence.frames(), whole.sequence.frames()[::2], strict=True):
+        np.testing.assert_allclose(half.sequence.to_input(here), whole.sequence.to_input(there))
+    assert half.truth is not None
+    assert whole.truth is not None
+    np.testing.assert_array_equal(half.true_labels(1), whole.true_labels(2))
+    assert [joint.states for joint in half.truth.joints] == [joint.states[::2] for joint in whole.truth.joints]
+    with pytest.raises(InputError, match=r"ingest\.every: found 5, which leaves one frame of 5, expected two; .* 4"):
+        source.load(config.model_copy(update={"every": 5}), np.random.default_rng(0))
