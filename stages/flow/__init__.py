@@ -16,8 +16,8 @@ from schemas.flow import Flow
 from schemas.sequence import PointSequence
 from stages.flow.descriptors import fpfh
 from stages.flow.geometric import estimate_geometric
-from stages.flow.hybrid import hybrid
-from stages.flow.match import Estimator, matching
+from stages.flow.hybrid import hybrid_of
+from stages.flow.match import Estimator, matching_by
 from stages.flow.network.describe import describe
 from stages.flow.pair import PairFlow
 from stages.progress import Progress, silent
@@ -37,9 +37,9 @@ def estimate_none(
 
 ESTIMATORS: dict[str, Estimator] = {
     "geometric": estimate_geometric,
-    "network": matching(describe),
-    "hybrid": hybrid(describe),
-    "fpfh": matching(fpfh),
+    "network": matching_by(describe),
+    "hybrid": hybrid_of(describe, fpfh),
+    "fpfh": matching_by(fpfh),
     "none": estimate_none,
 }
 

@@ -1,4 +1,4 @@
-"""Estimator `hybrid`: `geometric`, with a further start for large motions that comes from matches of a descriptor.
+"""Estimator `hybrid`: `geometric`, with a further start for large motions that comes from matches of descriptors.
 
 Where the alignment of `geometric` leaves more than sampling noise between two frames, their descriptors are matched,
 most likely wrongly in part; rigid pieces that explain the matches and the target are put together to a start; and what
@@ -25,8 +25,8 @@ DESCRIBED = 4096  # points of a frame that are described
 GOOD_COST = 0.42  # an alignment that costs less leaves nothing but sampling noise
 
 
-def hybrid(describe: Describe) -> Estimator:
-    """The estimator that takes its matches from a descriptor."""
+def hybrid_of(*describes: Describe) -> Estimator:
+    """The estimator that takes its matches from some descriptors, all together."""
 
     def estimate(
         frames: Sequence[Float64[np.ndarray, "points 3"]],
@@ -37,9 +37,9 @@ def hybrid(describe: Describe) -> Estimator:
         """Flow of each consecutive pair of frames; triples of matches are drawn with `rng`."""
 
         @cache
-        def described(t: int) -> Described:
+        def described(t: int) -> list[Described]:
             points = frames[t][working_points(frames[t], DESCRIBED)]
-            return Described(points, describe(points, config))
+            return [Described(points, describe(points, config)) for describe in describes]
 
         pairs: list[PairFlow] = []
         previous: NodeMotion | None = None
@@ -48,15 +48,22 @@ def hybrid(describe: Describe) -> Estimator:
             previous = align(pair, config.geometric, previous)
             Ts = previous.Ts
             if pair.fine.cost(Ts, REACH_FINE) > GOOD_COST:
-                source, target = described(t), described(t + 1)
-                matches = mutual_matches(source, target)
-                p_from, p_to = source.p[matches.source_index], target.p[matches.target_index]
+                matched = [matched_places(*both) for both in zip(described(t), described(t + 1), strict=True)]
+                p_from, p_to = map(np.concatenate, zip(*matched, strict=True))
                 Ts = better_motion(pair, Ts, p_from, p_to, config.geometric, rng)
             pairs.append(pair.flow(Ts, config.geometric.max_distance))
             progress(t + 1, len(frames) - 1)
         return pairs
 
     return estimate
+
+
+def matched_places(
+    source: Described, target: Described
+) -> tuple[Float64[np.ndarray, "matches 3"], Float64[np.ndarray, "matches 3"]]:
+    """Places of the source and where their features are found in the target."""
+    matches = mutual_matches(source, target)
+    return source.p[matches.source_index], target.p[matches.target_index]
 
 
 def better_motion(

@@ -41,7 +41,7 @@ class Matches:
     confidence: Float64[np.ndarray, "matches"]
 
 
-def matching(describe: Describe) -> Estimator:
+def matching_by(describe: Describe) -> Estimator:
     """The estimator whose flow is the matched points' difference."""
 
     def estimate(

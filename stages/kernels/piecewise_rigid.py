@@ -22,10 +22,8 @@ from stages.kernels.sampling import farthest_points, normals
 
 # Lengths are in units of the clouds' spacing.
 SEEDS = 64  # places around which motions are guessed
-PATCH_MATCHES, PATCH_POINTS = (
-    40,
-    60,
-)  # nearest to a seed: matches that triples are drawn from, points that are registered
+PATCH_MATCHES = 80  # nearest to a seed, that triples are drawn from
+PATCH_POINTS = 60  # nearest to a seed, that are registered
 TRIPLES, SCREENED = 400, 40  # drawn around each seed, and how many that keep distances are tried
 KEPT = 4  # distinct motions that each seed keeps
 LENGTH_CHANGE, LEAST_SIDE = 4.0, 3.0  # most that a triple's distances may change, and what they are at least

@@ -3,7 +3,7 @@ import pytest
 
 from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.geometric import REACH_FINE, FramePair, align, estimate_geometric
-from stages.flow.hybrid import better_motion, hybrid
+from stages.flow.hybrid import better_motion, hybrid_of
 from stages.flow.pair import PairFlow
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.rigid_motion import move_points
@@ -52,7 +52,7 @@ def error(pair, folded):
 def test_it_is_geometric_where_nothing_looks_alike(hinge):
     frames = hinge.sequence.frames()[:3]
     assert_same(
-        estimate(hybrid(lambda points, config: np.zeros((len(points), 4))), frames),
+        estimate(hybrid_of(lambda points, config: np.zeros((len(points), 4))), frames),
         estimate(estimate_geometric, frames),
     )
 
@@ -62,7 +62,7 @@ def test_an_alignment_that_leaves_only_noise_is_not_described(hinge):
         raise AssertionError("described")
 
     frame = hinge.sequence.frames()[0]
-    assert_same(estimate(hybrid(describe), [frame, frame]), estimate(estimate_geometric, [frame, frame]))
+    assert_same(estimate(hybrid_of(describe), [frame, frame]), estimate(estimate_geometric, [frame, frame]))
 
 
 def test_matches_that_are_mostly_wrong_lead_over_a_motion_too_far_for_geometry(folded):
@@ -96,6 +96,6 @@ def test_the_descriptor_is_asked_for_each_frame_once_and_believed(folded):
         asked.append(points[0, 0])
         return features[points[0, 0]]
 
-    pairs = estimate(hybrid(describe), [before, after, before])
+    pairs = estimate(hybrid_of(describe), [before, after, before])
     assert error(pairs[0], folded) < 0.05
     assert asked == [before[0, 0], after[0, 0], before[0, 0]]
