@@ -97,7 +97,7 @@ class TrainFlowConfig(Schema):
 class FlowConfig(Schema):
     """The flow stage."""
 
-    estimator: str = Field(default="geometric", description="registered name or package.module:function")
+    estimator: str = Field(default="hybrid", description="registered name or package.module:function")
     geometric: GeometricFlowConfig = GeometricFlowConfig()
     network: NetworkFlowConfig = NetworkFlowConfig()
 

@@ -15,13 +15,12 @@ from jaxtyping import Float64
 
 from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.geometric import REACH_FINE, FramePair, NodeMotion, align, follow
-from stages.flow.match import Describe, Described, Estimator, mutual_matches
+from stages.flow.match import MOST_POINTS, Describe, Described, Estimator, mutual_matches
 from stages.flow.pair import PairFlow
 from stages.kernels.piecewise_rigid import Nodes, Surface, piecewise_rigid
 from stages.kernels.sampling import working_points
 from stages.progress import Progress
 
-DESCRIBED = 4096  # points of a frame that are described
 GOOD_COST = 0.42  # an alignment that costs less leaves nothing but sampling noise
 
 
@@ -38,7 +37,7 @@ def hybrid_of(*describes: Describe) -> Estimator:
 
         @cache
         def described(t: int) -> list[Described]:
-            points = frames[t][working_points(frames[t], DESCRIBED)]
+            points = frames[t][working_points(frames[t], MOST_POINTS)]
             return [Described(points, describe(points, config)) for describe in describes]
 
         pairs: list[PairFlow] = []

@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, Float64, Int64
 from schemas.config import FlowConfig
 from stages.flow.pair import PairFlow
 from stages.kernels.nearest import KDTree
+from stages.kernels.sampling import working_points
 from stages.progress import Progress
 
 Describe = Callable[[Float64[np.ndarray, "points 3"], FlowConfig], Float[np.ndarray, "points features"]]
@@ -21,12 +22,13 @@ Estimator = Callable[
 
 SAME_PLACE = 0.02  # points as near as this, in diagonals, are one place: clouds are sampled anew in every frame
 AROUND = 16  # points at most that are taken for the same place
+MOST_POINTS = 4096  # of a frame that are matched: a matching matrix grows with their square
 CHUNK = 1024  # rows of the matching matrix that are held at a time
 
 
 @dataclass(frozen=True)
 class Described:
-    """A cloud in the normalised frame and its features; dot products with another cloud's are logits of S(P) (A.1)."""
+    """Points of a cloud, in the normalised frame, and features whose dot products with another's are logits of S(P)."""
 
     p: Float64[np.ndarray, "points 3"]
     features: Float[np.ndarray, "points features"]
@@ -50,12 +52,15 @@ def matching_by(describe: Describe) -> Estimator:
         rng: np.random.Generator,
         progress: Progress,
     ) -> list[PairFlow]:
-        described = [Described(p, describe(p, config)) for p in frames]
+        chosen = [working_points(frame, MOST_POINTS) for frame in frames]
+        thinned = [frame[index] for frame, index in zip(frames, chosen, strict=True)]
+        described = [Described(p, describe(p, config)) for p in thinned]
         pairs = []
         for t, (source, target) in enumerate(pairwise(described)):
             matches = mutual_matches(source, target)
             flow = target.p[matches.target_index] - source.p[matches.source_index]
-            pairs.append(PairFlow(matches.source_index, matches.target_index, flow, matches.confidence))
+            index, target_index = chosen[t][matches.source_index], chosen[t + 1][matches.target_index]
+            pairs.append(PairFlow(index, target_index, flow, matches.confidence))
             progress(t + 1, len(frames) - 1)
         return pairs
 
