@@ -17,7 +17,7 @@ from jaxtyping import Float64, Int64
 from stages.kernels.graph_cut import best_switches
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import turn_about, twist_jacobian
-from stages.kernels.rigid_motion import move_points
+from stages.kernels.rigid_motion import best_rotation, move_points
 from stages.kernels.sampling import farthest_points, normals
 
 # Lengths are in units of the clouds' spacing.
@@ -137,11 +137,8 @@ def _kabsch(
 ) -> Float64[np.ndarray, "*batch 4 4"]:
     """The rigid motions that best take points a to b."""
     centre_a, centre_b = a.mean(axis=-2, keepdims=True), b.mean(axis=-2, keepdims=True)
-    U, _, Vt = np.linalg.svd(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
-    V = np.swapaxes(Vt, -1, -2).copy()
-    V[..., 2] *= np.sign(np.linalg.det(V @ np.swapaxes(U, -1, -2)))[..., None]
     Ts = np.zeros((*a.shape[:-2], 4, 4))
-    Ts[..., :3, :3] = R = V @ np.swapaxes(U, -1, -2)
+    Ts[..., :3, :3] = R = best_rotation(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
     Ts[..., :3, 3] = (centre_b - centre_a @ np.swapaxes(R, -1, -2))[..., 0, :]
     Ts[..., 3, 3] = 1.0
     return Ts

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from stages.kernels.rigid_motion import best_rotation
+
 
 @dataclass(frozen=True)
 class Moments:
@@ -66,10 +68,7 @@ def _covariance(m: Moments) -> Float64[np.ndarray, "clusters frames 3 3"]:
 
 def rigid_motion(m: Moments) -> Float64[np.ndarray, "clusters frames 4 4"]:
     """The rigid motion of each cluster and frame that best takes x to y (Kabsch)."""
-    U, _, Vt = np.linalg.svd(_covariance(m))
-    V = Vt.swapaxes(-1, -2).copy()
-    V[..., 2] *= np.sign(np.linalg.det(V @ U.swapaxes(-1, -2)))[..., None]
-    R = V @ U.swapaxes(-1, -2)
+    R = best_rotation(_covariance(m))
     Ts = np.zeros((*R.shape[:-2], 4, 4))
     Ts[..., :3, :3] = R
     centre = (m.x / m.count[..., None])[..., None, :, None]

@@ -12,3 +12,11 @@ def move_points(
     """Every point by a transform of its own; batch axes are broadcast."""
     moved: np.ndarray = np.einsum("...ij,...j->...i", Ts[..., :3, :3], p) + Ts[..., :3, 3]
     return moved
+
+
+def best_rotation(covariance: Float64[np.ndarray, "*batch 3 3"]) -> Float64[np.ndarray, "*batch 3 3"]:
+    """The rotation that best takes x to y, from the sum of centred x y^T (Kabsch); never a reflection."""
+    U, _, Vt = np.linalg.svd(covariance)
+    V = Vt.swapaxes(-1, -2).copy()
+    V[..., 2] *= np.sign(np.linalg.det(V @ U.swapaxes(-1, -2)))[..., None]
+    return V @ U.swapaxes(-1, -2)
