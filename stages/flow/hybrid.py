@@ -15,7 +15,7 @@ from jaxtyping import Float64
 
 from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.geometric import REACH_FINE, FramePair, NodeMotion, align, follow
-from stages.flow.match import MOST_POINTS, Describe, Described, Estimator, mutual_matches
+from stages.flow.match import MOST_POINTS, Describe, Described, Estimator, mutual_matches, places
 from stages.flow.pair import PairFlow
 from stages.kernels.piecewise_rigid import Nodes, Surface, piecewise_rigid
 from stages.kernels.sampling import working_points
@@ -47,7 +47,8 @@ def hybrid_of(*describes: Describe) -> Estimator:
             previous = align(pair, config.geometric, previous)
             Ts = previous.Ts
             if pair.fine.cost(Ts, REACH_FINE) > GOOD_COST:
-                matched = [matched_places(*both) for both in zip(described(t), described(t + 1), strict=True)]
+                both = zip(described(t), described(t + 1), strict=True)
+                matched = [places(source, target, mutual_matches(source, target)) for source, target in both]
                 p_from, p_to = map(np.concatenate, zip(*matched, strict=True))
                 Ts = better_motion(pair, Ts, p_from, p_to, config.geometric, rng)
             pairs.append(pair.flow(Ts, config.geometric.max_distance))
@@ -55,14 +56,6 @@ def hybrid_of(*describes: Describe) -> Estimator:
         return pairs
 
     return estimate
-
-
-def matched_places(
-    source: Described, target: Described
-) -> tuple[Float64[np.ndarray, "matches 3"], Float64[np.ndarray, "matches 3"]]:
-    """Places of the source and where their features are found in the target."""
-    matches = mutual_matches(source, target)
-    return source.p[matches.source_index], target.p[matches.target_index]
 
 
 def better_motion(

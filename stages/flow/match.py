@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from schemas.config import FlowConfig
 from stages.flow.pair import PairFlow
 from stages.kernels.nearest import KDTree
-from stages.kernels.sampling import working_points
+from stages.kernels.sampling import spacing, working_points
 from stages.progress import Progress
 
 Describe = Callable[[Float64[np.ndarray, "points 3"], FlowConfig], Float[np.ndarray, "points features"]]
@@ -20,7 +21,8 @@ Estimator = Callable[
     [Sequence[Float64[np.ndarray, "points 3"]], FlowConfig, np.random.Generator, Progress], list[PairFlow]
 ]
 
-SAME_PLACE = 0.02  # points as near as this, in diagonals, are one place: clouds are sampled anew in every frame
+SAME_PLACE = 0.02, 2.0  # points as near as this, in diagonals or in spacings, are one: frames are sampled anew
+COMPANY = 24  # matches around one that it is compared with
 AROUND = 16  # points at most that are taken for the same place
 MOST_POINTS = 4096  # of a frame that are matched: a matching matrix grows with their square
 CHUNK = 1024  # rows of the matching matrix that are held at a time
@@ -33,6 +35,12 @@ class Described:
     p: Float64[np.ndarray, "points 3"]
     features: Float[np.ndarray, "points features"]
 
+    @cached_property
+    def same_place(self) -> float:
+        """How near points are that are taken for one."""
+        diagonals, spacings = SAME_PLACE
+        return max(diagonals, spacings * spacing(self.p)) if len(self.p) > 1 else diagonals
+
 
 @dataclass(frozen=True)
 class Matches:
@@ -41,6 +49,10 @@ class Matches:
     source_index: Int64[np.ndarray, "matches"]
     target_index: Int64[np.ndarray, "matches"]
     confidence: Float64[np.ndarray, "matches"]
+
+    def of(self, kept: Bool[np.ndarray, "matches"]) -> Matches:
+        """Some of the matches."""
+        return Matches(self.source_index[kept], self.target_index[kept], self.confidence[kept])
 
 
 def matching_by(describe: Describe) -> Estimator:
@@ -58,13 +70,35 @@ def matching_by(describe: Describe) -> Estimator:
         pairs = []
         for t, (source, target) in enumerate(pairwise(described)):
             matches = mutual_matches(source, target)
-            flow = target.p[matches.target_index] - source.p[matches.source_index]
+            p_from, p_to = places(source, target, matches)
+            kept = keep_distances(p_from, p_to, source.same_place / 2)
+            matches, flow = matches.of(kept), (p_to - p_from)[kept]
             index, target_index = chosen[t][matches.source_index], chosen[t + 1][matches.target_index]
             pairs.append(PairFlow(index, target_index, flow, matches.confidence))
             progress(t + 1, len(frames) - 1)
         return pairs
 
     return estimate
+
+
+def keep_distances(
+    p_from: Float64[np.ndarray, "matches 3"], p_to: Float64[np.ndarray, "matches 3"], tolerance: float
+) -> Bool[np.ndarray, "matches"]:
+    """Which matches are as far from at least half of the matches around them before as after, as on a rigid part."""
+    if len(p_from) == 0:
+        return np.zeros(0, dtype=bool)
+    count = min(COMPANY + 1, len(p_from))
+    near = KDTree(p_from).query(p_from, k=count)[1].reshape(len(p_from), count).astype(np.int64)
+    before, after = (np.linalg.norm(p[near] - p[:, None], axis=-1) for p in (p_from, p_to))
+    kept: np.ndarray = np.median(np.abs(after - before), axis=1) <= tolerance
+    return kept
+
+
+def places(
+    source: Described, target: Described, matches: Matches
+) -> tuple[Float64[np.ndarray, "matches 3"], Float64[np.ndarray, "matches 3"]]:
+    """Where the matched points are in the source and in the target."""
+    return source.p[matches.source_index], target.p[matches.target_index]
 
 
 def mutual_matches(source: Described, target: Described) -> Matches:
@@ -76,7 +110,7 @@ def mutual_matches(source: Described, target: Described) -> Matches:
     if len(source.p) == 0 or len(target.p) == 0:
         nothing = np.zeros(0, dtype=np.int64)
         return Matches(nothing, nothing, np.zeros(0))
-    around = _around(target.p)
+    around = _around(target)
     rows = [slice(start, start + CHUNK) for start in range(0, len(source.p), CHUNK)]
     forward, confidence = (
         np.concatenate(found) for found in zip(*(_likeliest(source, target, around, r) for r in rows), strict=True)
@@ -88,14 +122,15 @@ def mutual_matches(source: Described, target: Described) -> Matches:
         ]
     )
     back = np.linalg.norm(source.p[backward[forward]] - source.p, axis=1)
-    kept = np.flatnonzero(back <= SAME_PLACE)
+    kept = np.flatnonzero(back <= source.same_place)
     return Matches(kept, forward[kept], confidence[kept].astype(np.float64))
 
 
-def _around(p: Float64[np.ndarray, "points 3"]) -> Int64[np.ndarray, "points around"]:
-    """The points at the same place as each point, itself the first; `len(p)` where there are fewer."""
-    count = min(AROUND, len(p))
-    return KDTree(p).query(p, k=count, distance_upper_bound=SAME_PLACE)[1].reshape(len(p), count).astype(np.int64)
+def _around(cloud: Described) -> Int64[np.ndarray, "points around"]:
+    """The points at the same place as each point, itself the first; the number of points where there are fewer."""
+    count = min(AROUND, len(cloud.p))
+    near = KDTree(cloud.p).query(cloud.p, k=count, distance_upper_bound=cloud.same_place)[1]
+    return near.reshape(len(cloud.p), count).astype(np.int64)
 
 
 def _likeliest(
