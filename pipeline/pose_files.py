@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from jaxtyping import Float64, Int64
 from pydantic import ValidationError
 
 from schemas.errors import InputError
+from schemas.model_file import ModelFile
 from schemas.pose import Pose, State
 from stages.ingest.point_formats import one_line
 from stages.ingest.readers import load_npz
@@ -39,13 +41,13 @@ def read_targets(path: Path) -> tuple[Points, Points]:
     return source, target
 
 
-def read_states(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
+def read_states(path: Path, model: ModelFile) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
     """Joint states by name and the root's motion: .csv with STATE_COLUMNS, .json {name: state}, or a pose.json.
 
     A state is a number, or three of them (in .csv with blanks between); the root stays unless a pose.json moves it.
-    Raises InputError for any other file.
+    Raises InputError for any other file, and for a pose.json of another model or in other units than `model`.
     """
-    return _by_suffix(path, {".csv": _states_of_csv, ".json": _states_of_json})
+    return _by_suffix(path, {".csv": _states_of_csv, ".json": partial(_states_of_json, model=model)})
 
 
 def pose_files(pose: Pose, p: Points, labels: Int64[np.ndarray, "points"]) -> dict[str, bytes]:
@@ -107,7 +109,7 @@ def _states_of_csv(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4
     return states, np.eye(4)
 
 
-def _states_of_json(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
+def _states_of_json(path: Path, model: ModelFile) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
     content = _json_object(path)
     if "format" in content:
         try:
@@ -116,9 +118,22 @@ def _states_of_json(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "
             first = error.errors()[0]
             field = ".".join(map(str, first["loc"])) or "the file"
             raise InputError(f"{path}: {field}: {first['msg']}; expected a pose of version 1, pose it anew") from error
+        _check_origin(path, pose, model)
         return pose.states, np.array(pose.T_pose_root)
     values = {name: value if isinstance(value, list) else [value] for name, value in content.items()}
     return {name: _state(value, f"{path}: {name}") for name, value in values.items()}, np.eye(4)
+
+
+def _check_origin(path: Path, pose: Pose, model: ModelFile) -> None:
+    """Raises InputError for the pose of another model: joints of the same names need not be the same."""
+    remedy = "pose this model anew, or give the states alone, as {joint: state}"
+    if pose.units != model.units:
+        raise InputError(f"{path}: units: found {pose.units}, expected {model.units} as in the model; {remedy}")
+    if pose.model_digest != model.digest:
+        raise InputError(
+            f"{path}: model_digest: found {pose.model_digest}, the pose of another model, "
+            f"expected {model.digest}; {remedy}"
+        )
 
 
 def _state(values: list[Any], where: str) -> State:

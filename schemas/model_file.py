@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
@@ -74,6 +75,11 @@ class ModelFile(Schema):
     root: int = Field(ge=0)
     parts: tuple[ModelPart, ...]
     joints: tuple[ModelJoint, ...]
+
+    @property
+    def digest(self) -> str:
+        """What tells this model from others: of all that model.json says."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
         """The joints, each after its parent part's own."""

@@ -33,6 +33,7 @@ class Pose(Schema):
 
     format: Literal["rearticulate/pose"] = "rearticulate/pose"
     version: Literal[1] = 1
+    model_digest: str = Field(description="ModelFile.digest of the model that was posed")
     units: LengthUnit
     states: dict[str, State]
     T_pose_root: Transform

@@ -56,7 +56,12 @@ def pose_by_states(
         coordinates[mechanism.coordinates_of(index)] = np.divide(states.get(joint.name, 0.0), _unit(joint, space))
     Ts = T_pose_root @ space.motions_to_input(mechanism.tree.Ts_pose_canonical(coordinates[None])[0])
     rest = {joint.name: (0.0, 0.0, 0.0) if joint.type == "spherical" else 0.0 for joint in result.model.joints}
-    pose = Pose(units=result.model.units, states=rest | dict(states), T_pose_root=_transform(T_pose_root))
+    pose = Pose(
+        model_digest=result.model.digest,
+        units=result.model.units,
+        states=rest | dict(states),
+        T_pose_root=_transform(T_pose_root),
+    )
     return PosedModel(pose, Ts)
 
 
@@ -85,6 +90,7 @@ def pose_by_targets(
     names = [joint.name for joint in model.joints]
     residuals = np.linalg.norm(move_points(Ts[parts], p_source) - p_target, axis=1)
     pose = Pose(
+        model_digest=model.digest,
         units=model.units,
         states={
             joint.name: _state(joint, found.coordinates[mine] * _unit(joint, space), limits)

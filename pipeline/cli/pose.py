@@ -83,7 +83,7 @@ def pose(
         with naming(targets):
             posed = pose_by_targets(result, source, target, limits=limits or False, free_base=free_base)
     if states is not None:
-        given, T_pose_root = read_states(states)
+        given, T_pose_root = read_states(states, result.model)
         with naming(states):
             posed = pose_by_states(result, given, T_pose_root, limits=limits is not False)
     if out is not None:

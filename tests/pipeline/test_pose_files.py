@@ -5,10 +5,15 @@ import pytest
 
 from pipeline.pose_files import TARGET_COLUMNS, pose_files, read_states, read_targets
 from schemas.errors import InputError
+from schemas.model_file import ModelFile, ModelPart
 from schemas.pose import Pose
 from stages.ingest.point_formats import read_points
 
 HEADER = ",".join(TARGET_COLUMNS) + "\n"
+MODEL = ModelFile(
+    units="metre", frames=1, canonical_frame=0, root=0, parts=(ModelPart(id=0, name="box", point_count=1),), joints=()
+)
+STILL = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 SOURCE, TARGET = np.arange(6.0).reshape(2, 3), np.arange(6.0).reshape(2, 3) / 7 - 1
 
 
@@ -91,16 +96,18 @@ def test_states_are_numbers_or_rotation_vectors(tmp_path):
         ("s.json", '{"hinge": 0.5, "ball": [0.1, -0.2, 1]}'),
         ("s.csv", "name,value\nhinge, 0.5\n\nball,0.1 -0.2 1\n"),
     ):
-        states, T = read_states(written(tmp_path, name, content))
+        states, T = read_states(written(tmp_path, name, content), MODEL)
         assert states == expected
         np.testing.assert_array_equal(T, np.eye(4))
 
 
 def test_a_pose_is_read_back_as_it_was_written(tmp_path):
     T = ((0.0, -1.0, 0.0, 5.0), (1.0, 0.0, 0.0, 0.1), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    pose = Pose(units="metre", states={"hinge": 1 / 3, "ball": (0.1, 0.2, 0.3)}, T_pose_root=T)
+    pose = Pose(
+        model_digest=MODEL.digest, units="metre", states={"hinge": 1 / 3, "ball": (0.1, 0.2, 0.3)}, T_pose_root=T
+    )
     files = pose_files(pose, TARGET, np.array([0, 3]))
-    states, T_read = read_states(written(tmp_path, "pose.json", files["pose.json"]))
+    states, T_read = read_states(written(tmp_path, "pose.json", files["pose.json"]), MODEL)
     assert states == pose.states
     np.testing.assert_array_equal(T_read, T)
     np.testing.assert_allclose(read_points(written(tmp_path, "posed.ply", files["posed.ply"])), TARGET, rtol=1e-6)
@@ -127,13 +134,27 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
 def test_states_that_cannot_be_used_are_one_line(tmp_path, name, content, complaint):
     path = written(tmp_path, name, content)
     with pytest.raises(InputError, match=complaint) as caught:
-        read_states(path)
+        read_states(path, MODEL)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
 
 def test_a_pose_whose_base_is_no_rigid_motion_is_refused(tmp_path):
-    pose = Pose(units="metre", states={}, T_pose_root=tuple(map(tuple, np.eye(4).tolist())))
+    pose = Pose(model_digest=MODEL.digest, units="metre", states={}, T_pose_root=STILL)
     content = json.loads(pose.model_dump_json()) | {"T_pose_root": (2 * np.eye(4)).tolist()}
     with pytest.raises(InputError, match="T_pose_root: found no rigid motion"):
-        read_states(written(tmp_path, "pose.json", json.dumps(content)))
+        read_states(written(tmp_path, "pose.json", json.dumps(content)), MODEL)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"units": "millimetre"}, "units: found millimetre, expected metre as in the model"),
+        ({"model_digest": "of another"}, "model_digest: found of another, the pose of another model"),
+    ],
+)
+def test_the_pose_of_another_model_is_refused(tmp_path, change, complaint):
+    pose = Pose(model_digest=MODEL.digest, units="metre", states={}, T_pose_root=STILL)
+    path = written(tmp_path, "pose.json", pose.model_copy(update=change).model_dump_json())
+    with pytest.raises(InputError, match=complaint):
+        read_states(path, MODEL)

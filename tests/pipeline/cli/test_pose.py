@@ -50,6 +50,16 @@ def test_a_pose_that_was_found_is_posed_again_by_its_states(reart, model, target
     assert (tmp_path / "first" / "posed.ply").read_bytes() == (tmp_path / "second" / "posed.ply").read_bytes()
 
 
+def test_the_pose_of_another_model_is_refused(reart, model, targets):
+    reart("pose", "chain", "--targets", targets, "--out", "first")
+    content = json.loads((model / "model.json").read_text())
+    content["joints"][0]["upper"] += 1
+    (model / "model.json").write_text(json.dumps(content))
+    refused = reart("pose", "chain", "--states", "first/pose.json")
+    assert refused.exit_code == 2
+    assert "first/pose.json: model_digest: found " in refused.stderr
+
+
 def test_without_out_nothing_is_written(reart, model, tmp_path):
     (tmp_path / "s.csv").write_text("name,value\njoint_0_1,0.1\n")
     before = sorted(tmp_path.rglob("*"))
