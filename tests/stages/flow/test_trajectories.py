@@ -35,3 +35,25 @@ def test_points_stand_still_where_a_pair_has_no_matches(hinge):
     followed = follow_flow(hinge.sequence.frames()[2], hinge.sequence, known, 2, 3)
     np.testing.assert_array_equal(followed[0], followed[1])
     assert (followed[3] != followed[2]).any()
+
+
+def with_confidence(flow, confidence):
+    return flow.replace(confidence=np.asarray(confidence, dtype=np.float64))
+
+
+def test_unsure_matches_hardly_lead_astray_and_sure_ones_count_alike(hinge):
+    flow, rng = hinge.true_flow(), np.random.default_rng(0)
+    wrong = rng.uniform(size=len(flow.flow)) < 0.1
+    astray = flow.replace(flow=np.where(wrong[:, None], rng.normal(size=flow.flow.shape), flow.flow))
+
+    def follow(flow):
+        return follow_flow(hinge.sequence.frames()[2], hinge.sequence, flow, 2, 3)
+
+    sure = np.exp(-0.5 * rng.uniform(0, 2, size=len(wrong)) ** 2)
+    np.testing.assert_array_equal(follow(with_confidence(flow, sure)), follow(flow))
+    misses = [
+        np.linalg.norm(follow(with_confidence(astray, np.where(wrong, unsure, 1.0))) - follow(flow), axis=-1).mean()
+        for unsure in (0.0, 0.02, 1.0)
+    ]
+    assert misses[0] < 0.1 * misses[2]
+    assert misses[0] < misses[1] < misses[2]
