@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from pipeline.files import write_atomically
 from schemas.errors import InputError
-from schemas.model_file import ModelFile, Result
+from schemas.model_file import GREATEST, ModelFile, Result
 from schemas.sequence import IngestedSequence
 
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
@@ -55,8 +55,12 @@ def _contradictions(result: Result) -> Iterator[str]:
         )
     if len(result.labels) == 0 or result.labels.min() < 0 or result.labels.max() >= parts:
         yield f"labels: found others than the parts of model.json, expected at least one, from 0..{parts - 1}"
+    for name in ("canonical_points", "T_frame_canonical"):
+        if (greatest := np.abs(getattr(result, name)).max(initial=0.0)) > GREATEST:
+            yield f"{name}: found a number of size {greatest:g}, expected at most {GREATEST:g}"
     R = result.T_frame_canonical[..., :3, :3]
-    if not np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), atol=1e-3) or (np.linalg.det(R) < 0).any():
+    rigid = np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), atol=1e-3) and (np.linalg.det(R) > 0).all()
+    if not rigid or not np.allclose(result.T_frame_canonical[..., 3, :], [0, 0, 0, 1]):
         yield "T_frame_canonical: found others than rigid motions, expected rotations and translations"
 
 

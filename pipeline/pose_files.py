@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64
 from pydantic import ValidationError
 
 from schemas.errors import InputError
-from schemas.model_file import ModelFile
+from schemas.model_file import GREATEST, ModelFile
 from schemas.pose import Pose, State
 from stages.ingest.point_formats import one_line
 from stages.ingest.readers import load_npz
@@ -60,7 +60,8 @@ def _by_suffix(path: Path, readers: Mapping[str, Callable[[Path], Any]]) -> Any:
     if suffix not in readers:
         raise InputError(f"{path}: found {suffix or 'no ending'}, expected {', '.join(readers)}; convert it")
     if not path.is_file():
-        raise InputError(f"{path}: not found, expected a {suffix} file; check the path")
+        found = "found a folder" if path.is_dir() else "not found"
+        raise InputError(f"{path}: {found}, expected a {suffix} file; check the path")
     return readers[suffix](path)
 
 
@@ -138,9 +139,11 @@ def _check_origin(path: Path, pose: Pose, model: ModelFile) -> None:
 
 def _state(values: list[Any], where: str) -> State:
     if len(values) not in (1, 3) or not all(type(value) in (int, float) for value in values):
-        raise InputError(f"{where}: found {values}, expected a number, or three of a rotation vector; correct it")
-    if not np.isfinite(values).all():
-        raise InputError(f"{where}: found {values}, expected finite numbers; correct it")
+        raise InputError(
+            f"{where}: found {str(values)[:40]}, expected a number, or three of a rotation vector; correct it"
+        )
+    if not all(abs(value) <= GREATEST for value in values):
+        raise InputError(f"{where}: found {str(values)[:40]}, expected finite numbers up to {GREATEST:g}; correct it")
     if len(values) == 1:
         return float(values[0])
     x, y, z = map(float, values)
@@ -149,10 +152,15 @@ def _state(values: list[Any], where: str) -> State:
 
 def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[tuple[int, list[str]]]:
     """The rows below the header, with their lines."""
-    lines = [(line, cells) for line, cells in enumerate(csv.reader(_text(path).splitlines()), start=1) if any(cells)]
+    try:
+        rows = list(enumerate(csv.reader(_text(path).splitlines()), start=1))
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as CSV ({one_line(error)}); correct it") from error
+    lines = [(line, cells) for line, cells in rows if any(cells)]
     header = [cell.strip() for cell in lines[0][1]] if lines else []
     if header != list(columns):
-        raise InputError(f"{path}: found the header {','.join(header)!r}, expected {','.join(columns)!r}; put it first")
+        found = ",".join(header)[:80]
+        raise InputError(f"{path}: found the header {found!r}, expected {','.join(columns)!r}; put it first")
     for line, cells in lines[1:]:
         if len(cells) != len(columns):
             raise InputError(f"{path}: line {line}: found {len(cells)} values, expected {len(columns)}; correct it")

@@ -239,7 +239,10 @@ class ExportConfig(Schema):
     """The robot description: meshes, masses and limits, which the fit does not tell but a simulator needs."""
 
     metres_per_unit: float | None = Field(
-        default=None, gt=0, description="of the input's coordinates; None: by its unit, where unknown one metre"
+        default=None,
+        ge=1e-9,
+        le=1e9,
+        description="of the input's coordinates; None: by its unit, where unknown one metre",
     )
     surface: Literal["closed", "hull"] = Field(
         default="closed", description="a part's visible mesh: what its points enclose, or their convex hull"
@@ -248,8 +251,10 @@ class ExportConfig(Schema):
         default="hull", description="a part's convex collision mesh, or several by the optional package coacd"
     )
     triangles: int = Field(default=3000, ge=20, description="of a part's visible mesh, about")
-    reach: float = Field(default=4.0, gt=0, description="radius in point spacings of the ball rolled over a part")
-    density: float = Field(default=1000.0, gt=0, description="kg / m^3")
+    reach: float = Field(
+        default=4.0, gt=0, le=1e3, description="radius in point spacings of the ball rolled over a part"
+    )
+    density: float = Field(default=1000.0, gt=0, le=1e9, description="kg / m^3")
     limit_margin: float = Field(
         default=0.1, ge=0, description="limits lie beyond the observed range by this share of it, at each end"
     )

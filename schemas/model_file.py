@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
@@ -14,6 +15,8 @@ from schemas.artifact import Artifact, Schema, Unit
 from schemas.sequence import JointType, LengthUnit
 
 Vector = tuple[float, float, float]
+
+GREATEST = 1e15  # of a model's numbers: beyond it their squares and products overflow, or lose all digits
 
 
 class ModelPart(Schema):
@@ -55,12 +58,14 @@ class ModelJoint(Schema):
             raise ValueError(f"joint {self.name}: states: expected {expected} numbers each, since it is {self.type}")
         if not all(np.isfinite(state).all() for state in self.states):
             raise ValueError(f"joint {self.name}: states: found NaN or infinity, expected finite values")
-        if not abs(np.linalg.norm(self.axis) - 1.0) < 1e-3 or not np.isfinite(self.point).all():
+        if not abs(math.hypot(*self.axis) - 1.0) < 1e-3 or not np.isfinite(self.point).all():
             raise ValueError(
                 f"joint {self.name}: found axis {self.axis} through {self.point}, expected a unit axis through a point"
             )
         if not -np.inf < self.lower <= self.upper < np.inf:
             raise ValueError(f"joint {self.name}: found limits {self.lower} to {self.upper}, expected lower <= upper")
+        if (greatest := np.abs(np.hstack([*self.states, self.point, self.lower, self.upper])).max()) > GREATEST:
+            raise ValueError(f"joint {self.name}: found a number of size {greatest:g}, expected at most {GREATEST:g}")
         return self
 
 
@@ -104,6 +109,8 @@ class ModelFile(Schema):
         for kind, names in (("parts", [p.name for p in self.parts]), ("joints", [j.name for j in self.joints])):
             if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
                 yield f"{kind}: found the name {twice[0]!r} twice or empty, expected one for each"
+            if strange := [name for name in names if not name.isprintable()]:
+                yield f"{kind}: found the name {strange[0]!r}, expected printable characters only"
         children = [joint.child for joint in self.joints]
         if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
             yield (

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.errors import InputError
-from schemas.model_file import ModelJoint, Result
+from schemas.model_file import GREATEST, ModelJoint, Result
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.normalisation import Normalisation
@@ -18,6 +18,7 @@ from stages.mechanism import Mechanism, root_moves
 from stages.rearticulation import rearticulate
 
 FARTHEST = 0.05  # of a source point from the canonical points, as a share of the diagonal
+OUT_OF_REACH = 100.0  # of a target from its source point, in diagonals: it is in other units, or of another place
 UNTOLD = 0.05  # share of a coordinate's change that targets do not tell, from which on its joint is undetermined
 ROUNDING = 1e-9  # by which a state may be beyond a limit
 
@@ -75,10 +76,12 @@ def pose_by_targets(
     """The model's pose that brings points of the canonical frame closest to their targets (A.7).
 
     A source point moves with the part of the canonical point nearest to it. The base moves too where `free_base`, or
-    by itself where it moved in the sequence. Input units. Raises InputError for a source point far off the object.
+    by itself where it moved in the sequence. Input units. Raises InputError for a source point far off the object, and
+    for a target out of all reach.
     """
     model, space = result.model, Normalisation.of(result.canonical_points)
     parts = _parts_of(result, p_source, FARTHEST * space.scale)
+    _check_targets(p_source, p_target, OUT_OF_REACH * space.scale)
     if free_base is None:
         free_base = root_moves(space.motions(result.T_frame_canonical[:, model.root]))
     mechanism = _mechanism(result, space, limits, free_base)
@@ -151,6 +154,20 @@ def _parts_of(
     return result.labels[index]
 
 
+def _check_targets(
+    p_source: Float64[np.ndarray, "targets 3"], p_target: Float64[np.ndarray, "targets 3"], farthest: float
+) -> None:
+    """Raises InputError for a target that no pose comes near to."""
+    distance = np.abs(p_target - p_source).max(axis=1)
+    if len(far := np.flatnonzero(distance > farthest)):
+        first = far[0]
+        raise InputError(
+            f"row {first + 1}: found the target {_words(p_target[first])}, {distance[first]:.4g} from its source point"
+            f"{f' (and {len(far) - 1} other rows)' if len(far) > 1 else ''}, expected one within {farthest:.4g}; "
+            "give targets in the model's own units and coordinates"
+        )
+
+
 def _check_state(joint: ModelJoint, state: State, limits: bool) -> None:
     """Raises InputError for a state that the joint cannot have."""
     if (joint.type == "spherical") != isinstance(state, tuple):
@@ -158,8 +175,8 @@ def _check_state(joint: ModelJoint, state: State, limits: bool) -> None:
         raise InputError(
             f"joint {joint.name}: found {state}, expected {expected}, since it is {joint.type}; correct it"
         )
-    if not np.isfinite(state).all():
-        raise InputError(f"joint {joint.name}: found {state}, expected finite numbers; correct it")
+    if not np.all(np.abs(state) <= GREATEST):
+        raise InputError(f"joint {joint.name}: found {state}, expected finite numbers up to {GREATEST:g}; correct it")
     size = np.linalg.norm(state) if isinstance(state, tuple) else state
     slack = ROUNDING * (1 + abs(joint.upper - joint.lower))
     if limits and not joint.lower - slack <= size <= joint.upper + slack:

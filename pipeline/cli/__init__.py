@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from typing import Any
 
@@ -32,6 +33,10 @@ class OneLineErrors(TyperGroup):
             fail(error, 2)
         except CorruptArtifactError as error:
             fail(error, 1)
+        except OSError as error:  # raised wherever such a path is first asked for
+            if error.errno != errno.ENAMETOOLONG:
+                raise
+            fail(f"{str(error.filename)[:80]}...: found a name too long for this system; give a shorter one", 2)
         except KeyboardInterrupt:
             fail("interrupted; what was complete is kept, and the same command goes on from there", 130)
 

@@ -57,7 +57,15 @@ def test_frames_of_another_model_or_lost_ones_are_not_taken(folder):
 
 @pytest.mark.parametrize(
     ("field", "value", "complaint"),
-    [("labels", np.full(4, 2), "labels"), ("T_frame_canonical", np.zeros((3, 1, 4, 4)), "T_frame_canonical")],
+    [
+        ("labels", np.full(4, 2), "labels"),
+        ("T_frame_canonical", np.zeros((3, 1, 4, 4)), "T_frame_canonical"),
+        (
+            "canonical_points",
+            np.full((4, 3), 1e30, dtype=np.float32),
+            r"canonical_points: found a number of size 1e\+30",
+        ),
+    ],
 )
 def test_arrays_that_do_not_fit_the_model_are_refused(folder, samples, field, value, complaint):
     np.savez(folder / "model.npz", **(samples["result"].arrays() | {field: value}))
@@ -67,9 +75,13 @@ def test_arrays_that_do_not_fit_the_model_are_refused(folder, samples, field, va
 
 def test_motions_that_are_not_rigid_are_refused(folder, samples):
     arrays = samples["result"].arrays()
-    np.savez(folder / "model.npz", **(arrays | {"T_frame_canonical": 2 * arrays["T_frame_canonical"]}))
-    with pytest.raises(InputError, match="T_frame_canonical: found others than rigid motions"):
-        read_model_folder(folder)
+    Ts = arrays["T_frame_canonical"]
+    bent = Ts.copy()
+    bent[..., 3, 0] = 1.0
+    for wrong in (2 * Ts, bent):
+        np.savez(folder / "model.npz", **(arrays | {"T_frame_canonical": wrong}))
+        with pytest.raises(InputError, match="T_frame_canonical: found others than rigid motions"):
+            read_model_folder(folder)
 
 
 def test_pickled_arrays_are_refused(folder, samples):

@@ -52,6 +52,8 @@ def test_targets_are_read_alike_from_every_format(tmp_path, suffix):
         ("t.csv", HEADER + "1,2,3,4,5,six\n", "line 2: found 'six', expected a number"),
         ("t.csv", HEADER + "1,2,3,4,5,6\n1,2,3,4,5,nan\n", "row 2: found NaN or infinity"),
         ("t.csv", b"\xff\xfe\x00", "cannot be read as text"),
+        ("t.csv", '"' + "x" * 200_000, "cannot be read as CSV"),
+        ("t.csv", "x" * 1000, "found the header '(x){80}', expected"),
         ("t.json", "", "cannot be read as JSON"),
         ("t.json", '{"source": [[1, 2, 3]', "cannot be read as JSON"),
         ("t.json", "[[1, 2, 3]]", r"found \[\[1, 2, 3\]\], expected an object"),
@@ -87,6 +89,12 @@ def test_targets_that_cannot_be_used_are_one_line(tmp_path, name, content, compl
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match="not found"):
+        read_targets(tmp_path / "t.csv")
+
+
+def test_a_folder_is_no_file(tmp_path):
+    (tmp_path / "t.csv").mkdir()
+    with pytest.raises(InputError, match=r"t\.csv: found a folder, expected a \.csv file"):
         read_targets(tmp_path / "t.csv")
 
 
@@ -126,6 +134,8 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
         ("s.json", '{"hinge": "0.5"}', "hinge: found .*, expected a number"),
         ("s.json", '{"hinge": true}', "hinge: found .*, expected a number"),
         ("s.json", '{"hinge": NaN}', "hinge: found .*, expected finite"),
+        ("s.json", '{"hinge": 1' + "0" * 400 + "}", "hinge: found .{1,60}, expected finite"),
+        ("s.json", '{"hinge": -1e16}', "hinge: found .*, expected finite numbers up to 1e"),
         ("s.json", '{"hinge": null}', "hinge: found .*, expected a number"),
         ("s.json", '{"hinge": 1, "hinge": 2}', "found 'hinge' a second time"),
         ("s.json", '{"format": "rearticulate/pose", "version": 2}', "version: .*expected a pose of version 1"),

@@ -112,3 +112,28 @@ def test_a_joint_that_contradicts_itself_or_the_model_is_refused(change, complai
 def test_a_model_that_contradicts_itself_is_refused(change):
     with pytest.raises(ValidationError):
         ModelFile.model_validate(chain([(0, 1), (1, 2), (2, 3)]) | change)
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "complaint"),
+    [
+        ("joints", {"name": "a\nb"}, "expected printable characters"),
+        ("parts", {"name": "a\x00"}, "expected printable characters"),
+        ("joints", {"point": [1e300, 0, 0]}, "joint j0: found a number of size 1e+300, expected at most 1e+15"),
+        ("joints", {"states": [0, -1e200]}, "joint j0: found a number of size 1e+200"),
+        ("joints", {"axis": [1e300, 0, 0]}, "expected a unit axis"),
+    ],
+)
+def test_numbers_and_names_that_nothing_can_be_done_with_are_refused(where, change, complaint):
+    content = chain([(0, 1), (0, 2), (2, 3)])
+    content[where][0].update(change)
+    with pytest.raises(ValidationError) as caught:
+        ModelFile.model_validate(content)
+    assert complaint in str(caught.value)
+
+
+def test_a_digest_tells_models_apart():
+    models = [chain([(0, 1), (0, 2), (2, 3)]) for _ in range(3)]
+    models[2]["joints"][0]["upper"] = 2
+    same, again, other = (ModelFile.model_validate(model).digest for model in models)
+    assert same == again != other

@@ -138,6 +138,7 @@ def test_joints_that_are_not_named_stay_as_in_the_canonical_frame(model):
         ({"hinge": 0.81}, "joint hinge: found the state 0.81, expected one within its limits, -0.6 to 0.8"),
         ({"ball": (0.9, 0.9, 0.0)}, "joint ball: found a rotation by 1.27"),
         ({"slider": float("nan")}, "joint slider: found nan, expected finite"),
+        ({"slider": 1e16}, "joint slider: found 1e.16, expected finite numbers up to 1e"),
         ({"ball": 1.0}, "joint ball: found 1.0, expected a rotation vector"),
         ({"hinge": (0.0, 0.0, 1.0)}, "expected one number"),
     ],
@@ -225,3 +226,12 @@ def test_a_single_part_can_be_posed_by_its_base_only(model):
     np.testing.assert_allclose(pose.T_pose_root, base, atol=1e-4)
     with pytest.raises(InputError, match="none at all"):
         pose_by_states(single, {"hinge": 0.0}, STILL)
+
+
+def test_a_target_out_of_all_reach_is_named_by_its_row(model):
+    p_source, _ = source_of(model, 10)
+    p_target = p_source.copy()
+    p_target[3] *= 1e6
+    p_target[5] = 1e300
+    with pytest.raises(InputError, match=r"row 4: found the target .* \(and 1 other rows\), expected one within"):
+        pose_by_targets(model, p_source, p_target)

@@ -85,7 +85,7 @@ def test_a_model_that_cannot_be_exported_is_one_line(reart, model, change, compl
         (("chain", "--to", "sdf"), "--to: found 'sdf', expected one of urdf, mjcf"),
         *(
             (("chain", "--to", "urdf", "--scale", scale), f"error: --scale: found {float(scale)}")
-            for scale in ("0", "-1", "nan", "inf")
+            for scale in ("0", "-1", "nan", "inf", "1e300", "1e-300")
         ),
         (("chain", "--to", "urdf", "--mesh", "fine"), "error: --mesh: found 'fine'"),
         (("chain", "--to", "urdf", "--collision", "boxes"), "error: --collision: found 'boxes'"),

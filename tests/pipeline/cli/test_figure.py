@@ -14,6 +14,7 @@ def test_a_model_is_drawn(reart, model, tmp_path, model_path):
         (("nowhere", "--out", "a.png"), "nowhere/model.json: not found"),
         (("chain", "--out", "a.jpg"), "--out a.jpg: found .jpg, expected .png, .svg, .pdf"),
         (("chain", "--out", "folder.png"), "--out folder.png: found a folder, expected a picture"),
+        (("chain", "--out", f"{'a' * 300}.png"), "found a name too long"),
         (("chain", "--out", "chain/model.npz/a.png"), "--out chain/model.npz: found a file"),
     ],
 )
