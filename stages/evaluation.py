@@ -119,11 +119,26 @@ def reanimation_error(
     if len(truth.Ts_novel_first) == 0:
         return None
     told = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
+    return float(reanimation_distances(model, truth, labels_true, p_canonical, told, iterations).mean())
+
+
+def reanimation_distances(
+    model: KinematicModel,
+    truth: GroundTruth,
+    labels_true: Int64[np.ndarray, "points"],
+    p_canonical: Float64[np.ndarray, "points 3"],
+    told: Int64[np.ndarray, "told"],
+    iterations: int,
+) -> Float64[np.ndarray, "states points"]:
+    """How far each point is from its true place in the unseen states, when the model is told where some of them lie."""
     p_true = move_points(_since_canonical(truth.Ts_novel_first, truth, model)[:, labels_true], p_canonical)
     mechanism = Mechanism.of(model, free_root=root_moves(model.Ts_frame_canonical[:, model.root]))
     found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
     Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
-    return _mean_distance(move_points(Ts_novel_canonical[:, model.labels], p_canonical), p_true)
+    distances: np.ndarray = np.linalg.norm(
+        move_points(Ts_novel_canonical[:, model.labels], p_canonical) - p_true, axis=-1
+    )
+    return distances
 
 
 def joint_errors(
