@@ -27,7 +27,7 @@ from stages.flow.network.model import FeatureNetwork
 from stages.flow.network.weights import read_safetensors, weights_file
 from stages.training.curve import draw_curve
 from stages.training.learning import Batch, matching_loss, score, turned
-from stages.training.source import PairSource, validation_pairs
+from stages.training.source import PairSource, check_robots, validation_pairs
 
 CHECKPOINT, LOG, CURVE, WEIGHTS = "checkpoint.safetensors", "log.jsonl", "curve.png", "weights.safetensors"
 CHECKPOINT_FORMAT = "rearticulate flow training 1"
@@ -103,8 +103,10 @@ def train(
     """Train, or go on training, in `folder`; the path of the weights. `report` is called with each line of the log.
 
     The same configuration and robots give the same batches; sums of floating-point numbers may differ from one machine
-    to another. Raises InputError for an unknown robot, and for a folder with a checkpoint of another configuration.
+    to another. Raises InputError for robots that it cannot train or measure on, and for a folder with a checkpoint of
+    another configuration.
     """
+    check_robots(config)
     training = Training.resume(config, folder)
     validation = [Batch.of([pair]) for pair in validation_pairs(config, assets)]
     before = training.log[-1].seconds if training.log else 0.0

@@ -10,7 +10,8 @@ import numpy as np
 from torch.utils.data import Dataset
 
 from schemas.config import TrainFlowConfig
-from schemas.errors import UnavailableError
+from schemas.errors import InputError, UnavailableError
+from stages.ingest.roboart.catalogue import robot_entry
 from stages.training.pairs import Pair, make_pair
 from stages.training.robots import robot_shape
 from stages.training.shapes import PosableShape, random_shape
@@ -37,6 +38,16 @@ class PairSource(Dataset[Pair]):
         of_robot = self.robots and rng.random() < self.config.robot_share
         shape = self.robots[rng.integers(len(self.robots))] if of_robot else random_shape(rng)
         return make_pair(shape, self.config, rng)
+
+
+def check_robots(config: TrainFlowConfig) -> None:
+    """Raises InputError for an unknown robot, and for one that is both trained on and measured on."""
+    for name in (*config.robots, *config.validation_robots):
+        robot_entry(name)
+    if both := sorted(set(config.robots) & set(config.validation_robots)):
+        raise InputError(
+            f"validation_robots: found {both[0]!r}, which is trained on, expected others; take it out of one"
+        )
 
 
 def robot_shapes(names: Sequence[str], assets: Path | None) -> dict[str, PosableShape]:

@@ -20,7 +20,8 @@ def test_wrong_settings_end_in_one_line(reart, tmp_path):
         (("--preset", "smok"), "expected one of smoke"),
         (("--config", "my.toml"), "there is no setting 'stepps'; did you mean steps"),
         (("--set", "steps=0"), "steps: found 0"),
-        (("--set", "robots=['atlass']"), "atlass"),
+        (("--set", "robots=['atlass']"), "robot 'atlass': not known"),
+        (("--set", "robots=['spot']"), "validation_robots: found 'spot', which is trained on"),
     ):
         done = reart("train-flow", "--out", "training", *words)
         assert done.exit_code == 2
