@@ -15,13 +15,13 @@ import numpy as np
 
 from schemas.config import IngestConfig
 from schemas.errors import InputError
-from schemas.sequence import IngestedSequence, LengthUnit
+from schemas.sequence import IngestedSequence
 from stages.ingest.listing import visible_entries
 from stages.ingest.normalise import normalise, normalise_truth
 from stages.ingest.point_formats import map_array
 from stages.ingest.readers import Frame, frame_files, read_frames
 from stages.ingest.roboart_pickles import has_transforms
-from stages.ingest.truth import RawTruth, read_truth, truth_files
+from stages.ingest.truth import read_truth, truth_files
 
 _TRUTH_NAME = "ground_truth.npz"
 _FRAMES_NAME = "frames"
@@ -65,8 +65,12 @@ class FileSource:
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The frames as a normalised sequence, with the ground truth that lies beside them."""
         frames = read_frames(self.frames_path)
-        truth = read_truth(self.truth_path, [len(frame.points) for frame in frames]) if self.truth_path else None
-        return _ingested(frames, truth, config, config.units)
+        kept = _every(frames, config.every)
+        sequence = normalise(kept, config, config.units)
+        if self.truth_path is None:
+            return IngestedSequence(sequence=sequence)
+        truth = read_truth(self.truth_path, [len(frame.points) for frame in frames]).every(config.every)
+        return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, kept, sequence))
 
 
 @dataclass(frozen=True)
@@ -98,22 +102,20 @@ class RoboartSource:
         own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.robot.encode()), self.variant])
         points, truth = build_sequence(self.robot, config.roboart, own_rng, self.assets)
         frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
-        return _ingested(frames, truth, config, "metre")
+        kept = _every(frames, config.every)
+        sequence = normalise(kept, config, "metre")
+        return IngestedSequence(sequence=sequence, truth=normalise_truth(truth.every(config.every), kept, sequence))
 
 
-def _ingested(
-    frames: Sequence[Frame], truth: RawTruth | None, config: IngestConfig, units: LengthUnit
-) -> IngestedSequence:
-    """Every so many-th frame, normalised, and the truth of these."""
-    kept = frames[:: config.every]
+def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
+    """Every `step`-th frame, from the first on. Raises InputError where that leaves only one of several."""
+    kept = frames[::step]
     if len(kept) < 2 <= len(frames):
         raise InputError(
-            f"ingest.every: found {config.every}, which leaves one frame of {len(frames)}, expected two; "
+            f"ingest.every: found {step}, which leaves one frame of {len(frames)}, expected two; "
             f"give at most {len(frames) - 1}"
         )
-    sequence = normalise(kept, config, units)
-    of_kept = None if truth is None else normalise_truth(truth.every(config.every), kept, sequence)
-    return IngestedSequence(sequence=sequence, truth=of_kept)
+    return kept
 
 
 def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
