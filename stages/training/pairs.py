@@ -9,11 +9,12 @@ from jaxtyping import Bool, Float64, Int64
 
 from schemas.config import TrainFlowConfig
 from stages.flow.network.geometry import CloudGeometry, cloud_geometry
+from stages.ingest.roboart.articulated import Poses
 from stages.ingest.roboart.sensor import draw_viewpoints, sample_posed, sample_visible
 from stages.ingest.roboart.surface import Surface
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.rigid_motion import move_points
-from stages.training.shapes import PosableShape, Poses
+from stages.training.shapes import PosableShape
 
 VISIBLE_SHARE = 0.2  # of pairs of which only what some viewpoints see is sampled
 VIEWPOINTS = (2, 4)

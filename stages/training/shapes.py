@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation
 
+from stages.ingest.roboart.articulated import Poses
 from stages.ingest.roboart.surface import Surface, move, sample_triangles
 from stages.ingest.roboart.urdf import import_extra
 
 Triangles = Float64[np.ndarray, "triangles 3 3"]
-Poses = Float64[np.ndarray, "states parts 4 4"]
 
 FURNITURE_SHARE = 0.25
 LIMBS = (1, 6)  # grown from the trunk

@@ -13,31 +13,20 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.config import RoboartConfig
-from schemas.errors import InputError
 from schemas.sequence import TrueJoint
+from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
 from stages.ingest.roboart.descriptions import robot_description
-from stages.ingest.roboart.motion import (
-    Positions,
-    draw_base_motion,
-    draw_sweep,
-    draw_unseen,
-    drive_ranges,
-    follow,
-    movable_joints,
-    rest_positions,
-    search,
-)
-from stages.ingest.roboart.parts import Parts, rigid_parts, top_links
+from stages.ingest.roboart.motion import Positions, draw_base_motion, draw_sweep, draw_unseen, search
+from stages.ingest.roboart.parts import Parts
 from stages.ingest.roboart.penetration import penetration_score
 from stages.ingest.roboart.sensor import draw_viewpoints, posed_triangles, sample_posed, sample_visible
-from stages.ingest.roboart.surface import Surface, areas, link_triangles, move
-from stages.ingest.roboart.urdf import JointKind, Robot, forward_kinematics, read_urdf
+from stages.ingest.roboart.surface import Surface
+from stages.ingest.roboart.urdf import JointKind, Robot
 from stages.ingest.truth import RawTruth
 
 Frames = list[Float64[np.ndarray, "points 3"]]
 # kind of joint, its limits, settings and randomness to its positions, (frames,)
 Sweep = Callable[[JointKind, Float64[np.ndarray, "2"], RoboartConfig, np.random.Generator], np.ndarray]
-Poses = Float64[np.ndarray, "states parts 4 4"]
 
 
 def build_sequence(
@@ -66,21 +55,10 @@ def build_from_urdf(
     its child by `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read, lacks
     a mesh, or has no joint that moves a visible part.
     """
-    robot = read_urdf(urdf_path)
-    ranges = drive_ranges(robot)
-    movable = movable_joints(robot, ranges)
-    triangles = link_triangles(robot, top_links(robot, movable), urdf_path, mesh_dirs)
-    link_area = np.array([areas(piece).sum() for piece in triangles])
-    parts = rigid_parts(robot, link_area, movable, config.min_part_share)
-    if len(parts.link) < 2:
-        raise InputError(
-            f"{urdf_path}: found no joint that moves a visible part, expected at least one; "
-            "check its joints' limits and its meshes"
-        )
-    rest = rest_positions(robot, ranges)
-    surface = part_surface(robot, parts, triangles, rest)
-    swept, unseen = joint_motion(robot, parts, surface, ranges, rest, config, rng, sweep)
-    Ts_world_part, Ts_world_unseen = (part_poses(robot, parts, positions) for positions in (swept, unseen))
+    articulated = ArticulatedRobot.read(urdf_path, mesh_dirs, config.min_part_share)
+    robot, parts, surface = articulated.robot, articulated.parts, articulated.surface
+    swept, unseen = joint_motion(articulated, config, rng, sweep)
+    Ts_world_part, Ts_world_unseen = (articulated.poses(positions) for positions in (swept, unseen))
     if config.free_base:
         Ts_world_part, Ts_world_unseen = _free_base(surface, Ts_world_part, Ts_world_unseen, rng)
     Ts_part_first = np.linalg.inv(Ts_world_part[0])
@@ -90,7 +68,7 @@ def build_from_urdf(
         Ts_frame_first=Ts_world_part @ Ts_part_first,
         Ts_novel_first=Ts_world_unseen @ Ts_part_first,
         parent=parts.parent,
-        part_names=tuple(robot.links[link] for link in _largest_links(parts, link_area)),
+        part_names=tuple(robot.links[link] for link in _largest_links(parts, articulated.link_area)),
         joints=_true_joints(robot, parts, swept, Ts_world_part[0]),
     )
 
@@ -129,42 +107,15 @@ def _centre_and_diagonal(surface: Surface, Ts_world_part: Poses) -> tuple[Float6
     return (low + high) / 2, float(np.linalg.norm(high - low))
 
 
-def part_poses(robot: Robot, parts: Parts, positions: Positions) -> Poses:
-    """Each part's frame in the base's for rows of joint positions."""
-    return forward_kinematics(robot, positions)[:, parts.link]
-
-
-def part_surface(
-    robot: Robot, parts: Parts, triangles: list[np.ndarray], rest: Float64[np.ndarray, "joints"]
-) -> Surface:
-    """The links' surfaces joined, each in its part's frame; joints within a part are at rest for good."""
-    Ts_base_link = forward_kinematics(robot, rest[None])[0]
-    Ts_part_link = np.linalg.inv(Ts_base_link[parts.link[parts.part_of_link]]) @ Ts_base_link
-    counts = [len(piece) for piece in triangles]
-    return Surface(
-        triangles=np.concatenate([move(T, piece) for T, piece in zip(Ts_part_link, triangles, strict=True)]),
-        part=np.repeat(parts.part_of_link, counts),
-    )
-
-
 def joint_motion(
-    robot: Robot,
-    parts: Parts,
-    surface: Surface,
-    ranges: Float64[np.ndarray, "joints 2"],
-    rest: Float64[np.ndarray, "joints"],
-    config: RoboartConfig,
-    rng: np.random.Generator,
-    sweep: Sweep = draw_sweep,
+    articulated: ArticulatedRobot, config: RoboartConfig, rng: np.random.Generator, sweep: Sweep = draw_sweep
 ) -> tuple[Positions, Positions]:
     """Joint positions of the frames, drawn by `sweep`, and of the unseen states."""
-    moving = np.zeros(len(robot.joints), dtype=bool)
-    moving[parts.joint[1:]] = True
-    drives = np.array([j for j in np.flatnonzero(moving) if robot.joints[j].mimic is None])
-    score = penetration_score(surface, part_poses(robot, parts, rest[None])[0], rng)
+    robot, ranges, rest = articulated.robot, articulated.ranges, articulated.rest
+    score = penetration_score(articulated.surface, articulated.poses(rest[None])[0], rng)
 
     def penetration(positions: Positions) -> float:
-        return score(part_poses(robot, parts, follow(robot, positions, moving)))
+        return score(articulated.poses(articulated.follow(positions)))
 
     def swept_by(joint: int) -> np.ndarray:
         return sweep(robot.joints[joint].kind, ranges[joint], config, rng)
@@ -173,13 +124,13 @@ def joint_motion(
         return draw_unseen(ranges[joint], swept[:, joint], rng)
 
     def lowest(draw: Callable[[int], np.ndarray], states: int) -> Positions:
-        return search(draw, penetration, np.tile(rest, (states, 1)), drives, rng)
+        return search(draw, penetration, np.tile(rest, (states, 1)), articulated.drives, rng)
 
     swept = lowest(swept_by, config.frames)
     novel = [lowest(unseen, 1) for _ in range(config.novel_states)]
     return (
-        follow(robot, swept, moving),
-        follow(robot, np.concatenate([np.empty((0, len(rest))), *novel]), moving),
+        articulated.follow(swept),
+        articulated.follow(np.concatenate([np.empty((0, len(rest))), *novel])),
     )
 
 
