@@ -1,7 +1,3 @@
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,18 +8,10 @@ from stages.export import WRITERS, describe
 from stages.kernels.kinematic_tree import KinematicTree
 from stages.result import to_result
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "export_check.py"
-
 
 @pytest.fixture
-def benchmark(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    specification = importlib.util.spec_from_file_location("benchmark_export_check", SCRIPT)
-    module = importlib.util.module_from_spec(specification)
-    monkeypatch.setitem(sys.modules, "benchmark_export_check", module)
-    specification.loader.exec_module(module)
-    monkeypatch.delitem(sys.modules, "run")
-    return module
+def benchmark(load_benchmark):
+    return load_benchmark("export_check")
 
 
 def boxes(points):

@@ -1,8 +1,5 @@
-import importlib.util
 import json
-import sys
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,21 +14,14 @@ from stages.evaluation import evaluate
 from stages.kernels.kinematic_tree import KinematicTree
 from stages.kernels.rigid_motion import move_points
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "reanimation.py"
 POINTS = 300  # of each box
 HINGE, SLIDER = np.array([0.0, 0.3, -0.3, 0.5]), np.array([0.0, 0.05, 0.15, -0.1])
 AXES, ANCHORS = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.array([[0.175, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 
 @pytest.fixture
-def benchmark(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    specification = importlib.util.spec_from_file_location("benchmark_reanimation", SCRIPT)
-    module = importlib.util.module_from_spec(specification)
-    monkeypatch.setitem(sys.modules, "benchmark_reanimation", module)
-    specification.loader.exec_module(module)
-    monkeypatch.delitem(sys.modules, "run")
-    return module
+def benchmark(load_benchmark):
+    return load_benchmark("reanimation")
 
 
 @pytest.fixture(scope="module")
