@@ -7,7 +7,7 @@ from the one that fits best.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,12 +39,25 @@ def estimate_geometric(
     progress: Progress,
 ) -> list[PairFlow]:
     """Flow of each consecutive pair of frames; deterministic, `rng` is not drawn from."""
+    return align_all(frames, config.geometric, progress, lambda t, pair, Ts: Ts)
+
+
+def align_all(
+    frames: Sequence[Float64[np.ndarray, "points 3"]],
+    config: GeometricFlowConfig,
+    progress: Progress,
+    improved: Callable[[int, FramePair, Float64[np.ndarray, "nodes 4 4"]], Float64[np.ndarray, "nodes 4 4"]],
+) -> list[PairFlow]:
+    """Align each consecutive pair of frames, and take what `improved` makes of the nodes' motion in the t-th pair.
+
+    The next pair starts from the motion before that.
+    """
     pairs: list[PairFlow] = []
     previous: NodeMotion | None = None
     for t in range(len(frames) - 1):
-        pair = FramePair.of(frames[t], frames[t + 1], config.geometric)
-        previous = align(pair, config.geometric, previous)
-        pairs.append(pair.flow(previous.Ts, config.geometric.max_distance))
+        pair = FramePair.of(frames[t], frames[t + 1], config)
+        previous = align(pair, config, previous)
+        pairs.append(pair.flow(improved(t, pair, previous.Ts), config.max_distance))
         progress(t + 1, len(frames) - 1)
     return pairs
 

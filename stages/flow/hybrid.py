@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.config import FlowConfig, GeometricFlowConfig
-from stages.flow.geometric import REACH_FINE, FramePair, NodeMotion, align, follow
-from stages.flow.match import MOST_POINTS, Describe, Described, Estimator, mutual_matches, places
+from stages.flow.geometric import REACH_FINE, FramePair, align_all, follow
+from stages.flow.match import MOST_POINTS, Describe, Described, Estimator, match_features, places
 from stages.flow.pair import PairFlow
 from stages.kernels.piecewise_rigid import Nodes, Surface, piecewise_rigid
 from stages.kernels.sampling import working_points
@@ -40,20 +40,15 @@ def hybrid_of(*describes: Describe) -> Estimator:
             points = frames[t][working_points(frames[t], MOST_POINTS)]
             return [Described(points, describe(points, config)) for describe in describes]
 
-        pairs: list[PairFlow] = []
-        previous: NodeMotion | None = None
-        for t in range(len(frames) - 1):
-            pair = FramePair.of(frames[t], frames[t + 1], config.geometric)
-            previous = align(pair, config.geometric, previous)
-            Ts = previous.Ts
-            if pair.fine.cost(Ts, REACH_FINE) > GOOD_COST:
-                both = zip(described(t), described(t + 1), strict=True)
-                matched = [places(source, target, mutual_matches(source, target)) for source, target in both]
-                p_from, p_to = map(np.concatenate, zip(*matched, strict=True))
-                Ts = better_motion(pair, Ts, p_from, p_to, config.geometric, rng)
-            pairs.append(pair.flow(Ts, config.geometric.max_distance))
-            progress(t + 1, len(frames) - 1)
-        return pairs
+        def improved(t: int, pair: FramePair, Ts: Float64[np.ndarray, "nodes 4 4"]) -> Float64[np.ndarray, "nodes 4 4"]:
+            if pair.fine.cost(Ts, REACH_FINE) <= GOOD_COST:
+                return Ts
+            both = zip(described(t), described(t + 1), strict=True)
+            matched = [places(source, target, match_features(source, target)) for source, target in both]
+            p_from, p_to = map(np.concatenate, zip(*matched, strict=True))
+            return better_motion(pair, Ts, p_from, p_to, config.geometric, rng)
+
+        return align_all(frames, config.geometric, progress, improved)
 
     return estimate
 
@@ -72,7 +67,7 @@ def better_motion(
     fine, graph = pair.fine, pair.fine.graph
     nodes = Nodes(graph.p_nodes, graph.edges[graph.edges[:, 0] < graph.edges[:, 1]], graph.anchors[:, 0].copy())
     surfaces = Surface.of(fine.source), Surface.of(fine.target)
-    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, np.eye(4)[None], fine.noise, rng)
+    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, fine.noise, rng)
     # only the last, softest level: stiffer ones pull joints that are bent far out of shape
     found = follow(fine, start, config, slice(-1, None))
     return min((Ts, found), key=lambda motion: fine.cost(motion, REACH_FINE))

@@ -69,7 +69,7 @@ def matching_by(describe: Describe) -> Estimator:
         described = [Described(p, describe(p, config)) for p in thinned]
         pairs = []
         for t, (source, target) in enumerate(pairwise(described)):
-            matches = mutual_matches(source, target)
+            matches = match_features(source, target)
             p_from, p_to = places(source, target, matches)
             kept = keep_distances(p_from, p_to, source.same_place / 2)
             matches, flow = matches.of(kept), (p_to - p_from)[kept]
@@ -101,7 +101,7 @@ def places(
     return source.p[matches.source_index], target.p[matches.target_index]
 
 
-def mutual_matches(source: Described, target: Described) -> Matches:
+def match_features(source: Described, target: Described) -> Matches:
     """Each source point's likeliest target point, where that one's likeliest source point is at the same place.
 
     Being each other's likeliest to the very point is asking too much: even the true motion makes only half of two

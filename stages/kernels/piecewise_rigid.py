@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int64
 
 from stages.kernels.graph_cut import best_switches
 from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import turn_about, twist_jacobian
+from stages.kernels.registration import group_means, normal_equations, robust_weight, turn_about
 from stages.kernels.rigid_motion import best_rotation, move_points
 from stages.kernels.sampling import farthest_points, normals
 
@@ -33,7 +33,6 @@ TOUCH_REACH = 12.0  # neighbours torn apart farther than this are equally bad
 REFINEMENTS = 5  # registration steps of a motion
 DISTINCT = 2.5  # motions that differ by less on the patch of one are the same
 MOST_MOTIONS = 60
-POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
 MATCH_WEIGHT, TOUCH_WEIGHT = 0.5, 0.12  # of disagreeing matches and of an edge torn, against a node off the target
 ROUNDS = 2  # of labelling and registering
 
@@ -69,17 +68,16 @@ def piecewise_rigid(
     target: Surface,
     p_from: Float64[np.ndarray, "matches 3"],
     p_to: Float64[np.ndarray, "matches 3"],
-    guesses: Float64[np.ndarray, "guesses 4 4"],
     noise: float,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, "nodes 4 4"]:
-    """The motion of each node from the source to the target cloud, of those that matches suggest and `guesses`.
+    """The motion of each node from the source to the target cloud: none, or one of those that matches suggest.
 
     Matches take points `p_from` near the source to `p_to` near the target; `noise` is the clouds' spacing.
     """
     seeds = source.p[farthest_points(source.p, SEEDS)]
     suggested, seed = suggested_motions(seeds, p_from, p_to, noise, rng)
-    Ts = np.concatenate([guesses, _distinct(suggested, seed, seeds, source, target, noise)])
+    Ts = np.concatenate([np.eye(4)[None], _distinct(suggested, seed, seeds, source, target, noise)])
     labels = np.zeros(len(nodes.p), dtype=np.int64)
     for _ in range(ROUNDS):
         costs = _surface_costs(nodes, source, target, Ts, noise)
@@ -174,21 +172,20 @@ def _registered(
     Ts: Float64[np.ndarray, "motions 4 4"], pieces: list[Float64[np.ndarray, "points 3"]], target: Surface, noise: float
 ) -> Float64[np.ndarray, "motions 4 4"]:
     """Each motion improved so that it lays its own piece onto the target, by robust Gauss-Newton."""
-    piece = np.repeat(np.arange(len(pieces)), [len(p) for p in pieces])
-    points, starts = np.concatenate(pieces), np.cumsum([0] + [len(p) for p in pieces[:-1]])
-    centres = np.stack([p.mean(axis=0) for p in pieces])
+    groups = len(pieces)
+    piece, points = np.repeat(np.arange(groups), [len(p) for p in pieces]), np.concatenate(pieces)
+    centres = group_means(points, piece, groups)
     for _ in range(REFINEMENTS):
         p, p_centres = move_points(Ts[piece], points), move_points(Ts, centres)
         distance, match = nearest(target.tree, p)
-        robust = 1.0 / (1.0 + (distance / noise / SURFACE_REACH) ** 2) ** 2
-        jacobian = twist_jacobian((p - p_centres[piece]) / noise)
-        offset, normal = (p - target.p[match]) / noise, target.normals[match]
-        along = np.einsum("ni,nia->na", normal, jacobian) * robust[:, None]
-        plain = POINT_TO_POINT * robust[:, None, None] * jacobian
-        plane = np.einsum("ni,nia->na", normal, jacobian)
-        hessian = along[:, :, None] * plane[:, None] + np.einsum("nia,nib->nab", plain, jacobian)
-        gradient = along * np.einsum("ni,ni->n", normal, offset)[:, None] + np.einsum("nia,ni->na", plain, offset)
-        hessian, gradient = np.add.reduceat(hessian, starts), np.add.reduceat(gradient, starts)
+        hessian, gradient = normal_equations(
+            (p - p_centres[piece]) / noise,
+            piece,
+            groups,
+            target.normals[match],
+            (p - target.p[match]) / noise,
+            robust_weight(distance / noise, SURFACE_REACH),
+        )
         hessian += np.eye(6) * (1.0 + 1e-4 * np.trace(hessian, axis1=1, axis2=2))[:, None, None]
         Ts = turn_about(p_centres, -np.linalg.solve(hessian, gradient[..., None])[..., 0], noise) @ Ts
     return Ts
@@ -204,7 +201,7 @@ def _surface_costs(
     aligned = np.abs((turned.reshape(-1, 3) * target.normals[match]).sum(axis=-1))
     off = np.minimum(distance / noise / SURFACE_REACH, 1)
     cost = (off + (1 - off) * 0.5 * (1 - aligned)).reshape(len(Ts), len(source.p))
-    return _node_means(cost.T, nodes.of_point, len(nodes.p))
+    return group_means(cost.T, nodes.of_point, len(nodes.p))
 
 
 def _match_costs(
@@ -217,15 +214,7 @@ def _match_costs(
     """How many of a node's matches each motion leaves unexplained, 0 to 1; 0 where a node has none."""
     off = np.linalg.norm(move_points(Ts[:, None], p_from) - p_to, axis=-1) / noise
     node = nearest(KDTree(nodes.p), p_from)[1]
-    return _node_means(np.minimum(off / MATCH_REACH, 1).T, node, len(nodes.p))
-
-
-def _node_means(
-    values: Float64[np.ndarray, "rows columns"], node: Int64[np.ndarray, "rows"], nodes: int
-) -> Float64[np.ndarray, "nodes columns"]:
-    sums = np.zeros((nodes, values.shape[1]))
-    np.add.at(sums, node, values)
-    return sums / np.maximum(np.bincount(node, minlength=nodes), 1)[:, None]
+    return group_means(np.minimum(off / MATCH_REACH, 1).T, node, len(nodes.p))
 
 
 def _label(

@@ -78,18 +78,18 @@ class Registration:
     ) -> Float64[np.ndarray, "frames groups 4 4"]:
         """Each group registered by itself, from its points to their nearest ones in every frame."""
         Ts, groups = Ts.copy(), Ts.shape[1]
-        centres = _group_means(self.p[index], group, groups)
+        centres = group_means(self.p[index], group, groups)
         for _ in range(iterations):
             for t in self.others:
                 p, target, offset, distance = self._matches(t, index, group, Ts)
                 p_centres = move_points(Ts[t], centres)
-                hessian, gradient = _normal_equations(
+                hessian, gradient = normal_equations(
                     (p - p_centres[group]) / self.noise,
                     group,
                     groups,
                     self._normals[t][target],
                     offset,
-                    _robust_weight(distance, reach),
+                    robust_weight(distance, reach),
                 )
                 hessian += DAMPING * _scaled_identity(hessian)
                 twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
@@ -133,7 +133,7 @@ class Registration:
         """Matches from model to frame and from frame to model, and what they say of each part's motion."""
         frames, parts = Ts.shape[:2]
         index = np.arange(len(self.p))
-        own_centres = _group_means(self.p, labels, parts)
+        own_centres = group_means(self.p, labels, parts)
         hessian, gradient = np.zeros((frames, parts, 6, 6)), np.zeros((frames, parts, 6))
         centres = np.stack([move_points(T, own_centres) for T in Ts])
         cost = 0.0
@@ -146,8 +146,8 @@ class Registration:
             offset = (p[source] - self.frames[t][target]) / self.noise
             part, normal = labels[source], self._normals[t][target]
             arms = (p[source] - centres[t, part]) / self.noise
-            weight = _robust_weight(distance, reach)
-            hessian[t], gradient[t] = _normal_equations(arms, part, parts, normal, offset, weight)
+            weight = robust_weight(distance, reach)
+            hessian[t], gradient[t] = normal_equations(arms, part, parts, normal, offset, weight)
             squares = np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
             cost += float((squares * np.sqrt(weight)).sum())
         return NormalEquations(cost, hessian, gradient, centres)
@@ -176,7 +176,7 @@ class Registration:
         a, b = sides
         p_a, p_b = move_points(Ts[a], middles), move_points(Ts[b], middles)
         gap = (p_a - p_b) / self.noise
-        weight = attachment * _robust_weight(np.linalg.norm(gap, axis=1), reach)
+        weight = attachment * robust_weight(np.linalg.norm(gap, axis=1), reach)
         jacobians = (
             (a, twist_jacobian((p_a - p_centres[a]) / self.noise)),
             (b, -twist_jacobian((p_b - p_centres[b]) / self.noise)),
@@ -207,7 +207,7 @@ def turn_about(
     return Ts
 
 
-def _normal_equations(
+def normal_equations(
     arms: Float64[np.ndarray, "entries 3"],
     group: Int64[np.ndarray, "entries"],
     groups: int,
@@ -247,12 +247,12 @@ def _scaled_identity(hessian: Float64[np.ndarray, "groups 6 6"]) -> Float64[np.n
     return np.eye(6) * (10.0 + np.trace(hessian, axis1=1, axis2=2) / 6)[:, None, None]
 
 
-def _robust_weight(distance: Float64[np.ndarray, "entries"], reach: float) -> Float64[np.ndarray, "entries"]:
+def robust_weight(distance: Float64[np.ndarray, "entries"], reach: float) -> Float64[np.ndarray, "entries"]:
     """Geman-McClure: matches much farther apart than `reach` hardly count."""
     return 1.0 / (1.0 + (distance / reach) ** 2) ** 2
 
 
-def _group_means(p: np.ndarray, group: np.ndarray, groups: int) -> Float64[np.ndarray, "groups 3"]:
+def group_means(p: np.ndarray, group: np.ndarray, groups: int) -> Float64[np.ndarray, "groups 3"]:
     counts = np.maximum(np.bincount(group, minlength=groups), 1)
     return sum_groups(p, group, groups) / counts[:, None]
 

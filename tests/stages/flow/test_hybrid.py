@@ -52,7 +52,7 @@ def error(pair, folded):
 
 def test_it_is_geometric_where_nothing_looks_alike(hinge, monkeypatch):
     nothing = Matches(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))
-    monkeypatch.setattr("stages.flow.hybrid.mutual_matches", lambda source, target: nothing)
+    monkeypatch.setattr("stages.flow.hybrid.match_features", lambda source, target: nothing)
     frames = hinge.sequence.frames()[:3]
     assert_same(
         estimate(hybrid_of(lambda points, config: np.zeros((len(points), 4))), frames),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from stages.flow.match import CHUNK, Described, keep_distances, mutual_matches
+from stages.flow.match import CHUNK, Described, keep_distances, match_features
 
 
 def described(rng, rows, features=8):
@@ -20,7 +20,7 @@ def test_matches_and_confidences_are_those_of_a_naive_search():
         if np.linalg.norm(source.p[back[j]] - source.p[i]) <= source.same_place:
             expected.append((i, j))
             confidence.append(S[i, np.linalg.norm(target.p - target.p[j], axis=1) < target.same_place].sum())
-    matches = mutual_matches(source, target)
+    matches = match_features(source, target)
     assert list(zip(matches.source_index, matches.target_index, strict=True)) == expected
     np.testing.assert_allclose(matches.confidence, confidence, rtol=1e-6)
 
@@ -29,15 +29,15 @@ def test_a_way_back_to_the_same_place_is_enough():
     p = np.array([[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0], [1.01, 0, 0]])
     source = Described(p, 5 * np.array([[1.0, 0], [1.1, 0], [0, 1.0], [-1, 0.5]]))
     target = Described(p[[0, 2]], 5 * np.eye(2))
-    np.testing.assert_array_equal(mutual_matches(source, target).source_index, [0, 1, 2, 3])
+    np.testing.assert_array_equal(match_features(source, target).source_index, [0, 1, 2, 3])
     apart = Described(p[[0, 2, 1, 3]], source.features)
-    np.testing.assert_array_equal(mutual_matches(apart, target).source_index, [1, 2])
+    np.testing.assert_array_equal(match_features(apart, target).source_index, [1, 2])
 
 
 def test_what_looks_like_something_else_is_matched_with_less_confidence():
     p = np.eye(4)[:, :3]
     source = Described(p[:2], 4 * np.array([[1.0, 0, 0, 0], [0, 0.8, 0.6, 0]]))
-    matches = mutual_matches(source, Described(p, 4 * np.eye(4)))
+    matches = match_features(source, Described(p, 4 * np.eye(4)))
     np.testing.assert_array_equal(matches.target_index, [0, 1])
     assert 1 >= matches.confidence[0] > matches.confidence[1] > 0
 
@@ -45,7 +45,7 @@ def test_what_looks_like_something_else_is_matched_with_less_confidence():
 @pytest.mark.parametrize(("points", "targets"), [(0, 3), (3, 0), (0, 0), (1, 1), (1, 40)])
 def test_clouds_of_hardly_a_point_have_at_most_one_match(points, targets):
     rng = np.random.default_rng(0)
-    matches = mutual_matches(described(rng, points), described(rng, targets))
+    matches = match_features(described(rng, points), described(rng, targets))
     assert len(matches.source_index) == min(points, targets, 1)
 
 

@@ -3,7 +3,7 @@ from scipy.spatial.transform import Rotation
 
 from schemas.config import FlowConfig
 from stages.flow import estimate_flow
-from stages.flow.match import Described, mutual_matches
+from stages.flow.match import Described, match_features
 from stages.flow.network.describe import describe
 
 
@@ -21,7 +21,7 @@ def test_the_shipped_network_finds_most_points_again_after_a_large_motion():
     rng = np.random.default_rng(0)
     (before, rest_before), (after, rest_after) = lamp(rng, 0.1), lamp(rng, 0.9)
     config = FlowConfig()
-    matches = mutual_matches(Described(before, describe(before, config)), Described(after, describe(after, config)))
+    matches = match_features(Described(before, describe(before, config)), Described(after, describe(after, config)))
     off = np.linalg.norm(rest_before[matches.source_index] - rest_after[matches.target_index], axis=1)
     assert len(off) > 0.3 * len(before)
     right = off < 0.04
