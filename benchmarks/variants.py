@@ -31,6 +31,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "no pruning": ("final_fit.part_price=0",),
     "labels of one frame only": ("final_fit.fused_frames=1",),
     "canonical frame: the middle one": ("canonical_frame.candidates=1",),
+    "canonical frame: two by one relaxed fit": ("canonical_frame.fits=1",),
     "canonical frame: any of ten": ("canonical_frame.candidates=10",),
 }
 MEASURES = ("ari", "tree_edit_distance", "recon_percent", "epe_percent", "reanimation_percent", "axis_angle_deg")

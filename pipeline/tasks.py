@@ -72,7 +72,7 @@ class RelaxedFitTask(CandidateTask):
 
     def requires(self) -> dict[str, StageTask]:
         ingest = IngestTask(job=self.job)
-        if self.candidate > 0 and self.job.config.canonical_frame.share:
+        if self.candidate >= self.job.config.canonical_frame.fits:
             return {"ingest": ingest, "relaxed_fit": RelaxedFitTask(job=self.job, candidate=0)}
         return {"ingest": ingest, "flow": FlowTask(job=self.job)}
 

@@ -192,8 +192,8 @@ class CanonicalFrameConfig(Schema):
     by: Literal["fit", "project"] = Field(
         default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
     )
-    share: bool = Field(
-        default=True, description="fit the first candidate only and carry its parts over to the others, not fit each"
+    fits: int = Field(
+        default=2, ge=1, description="so many candidates have a relaxed fit of their own; the others get the first one's"
     )
 
 

@@ -133,11 +133,11 @@ def test_the_truth_may_be_the_folder_that_holds_it(data):
     assert in_folder[0].source == itself[0].source
 
 
-def test_other_candidates_are_carried_over_from_the_first_unless_each_is_fitted(data):
-    shared, fitted = (
+def test_candidates_beyond_those_that_are_fitted_are_carried_over_from_the_first(data):
+    one, two = (
         {task.label: task.requires().keys() for task in upstream_first(final_tasks(plan(request(data, settings))[0]))}
-        for settings in ((), ["canonical_frame.share=false"])
+        for settings in (["canonical_frame.candidates=3", f"canonical_frame.fits={fits}"] for fits in (1, 2))
     )
-    with_flow = [[label for label in tasks if "flow" in tasks[label]] for tasks in (shared, fitted)]
-    finals = {"final_fit[0]", "final_fit[1]"}
+    with_flow = [[label for label in tasks if "flow" in tasks[label]] for tasks in (one, two)]
+    finals = {f"final_fit[{candidate}]" for candidate in range(3)}
     assert [set(labels) - finals for labels in with_flow] == [{"relaxed_fit[0]"}, {"relaxed_fit[0]", "relaxed_fit[1]"}]
