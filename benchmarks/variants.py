@@ -1,7 +1,8 @@
 """What each ingredient brings: `python benchmarks/variants.py SET --workdir DIR [--assets DIR] [--only NAME ...]`.
 
 Runs a set of benchmarks/sets as it is and with one thing changed at a time, in one working directory, so that only what
-a change touches is computed again. The table of means goes to benchmarks/results/variants-SET-DATE.md.
+a change touches is computed again. Meshes are hulls, which are fast and of which no measure depends. The table of means
+goes to benchmarks/results/variants-SET-DATE.md.
 """
 
 from __future__ import annotations
@@ -32,9 +33,18 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "labels of one frame only": ("final_fit.fused_frames=1",),
     "canonical frame: the middle one": ("canonical_frame.candidates=1",),
     "canonical frame: two by one relaxed fit": ("canonical_frame.fits=1",),
-    "canonical frame: any of ten": ("canonical_frame.candidates=10",),
+    "canonical frame: any of four": ("canonical_frame.candidates=4",),
 }
-MEASURES = ("ari", "tree_edit_distance", "recon_percent", "epe_percent", "reanimation_percent", "axis_angle_deg")
+FAST_EXPORT = ("export.surface=hull",)
+MEASURES = (
+    "ari",
+    "tree_edit_distance",
+    "recon_percent",
+    "epe_percent",
+    "reanimation_percent",
+    "axis_angle_deg",
+    "seconds",
+)
 
 
 def main(words: list[str] | None = None) -> int:
@@ -43,14 +53,17 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("set", help="the name of a set, a file in benchmarks/sets")
     parser.add_argument("--workdir", type=Path, required=True, help="where artifacts go")
     parser.add_argument("--assets", type=Path, help="a folder of robot descriptions, NAME/NAME.urdf")
+    parser.add_argument("--sequences", metavar="A,B", help="only these of the set")
     parser.add_argument("--workers", type=int, default=cores(), help="stages computed at a time; default: the cores")
     parser.add_argument("--only", nargs="+", choices=tuple(VARIANTS), metavar="NAME", help="these variants only")
     arguments = parser.parse_args(words)
     records: dict[str, Record] = {}
     try:
         chosen = read_set(arguments.set)
+        if arguments.sequences is not None:
+            chosen = chosen.model_copy(update={"sequences": tuple(arguments.sequences.split(","))})
         for name in arguments.only or VARIANTS:
-            changed = chosen.model_copy(update={"settings": chosen.settings + VARIANTS[name]})
+            changed = chosen.model_copy(update={"settings": chosen.settings + FAST_EXPORT + VARIANTS[name]})
             records[name] = run(arguments.set, changed, arguments.workdir, arguments.workers, arguments.assets)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
