@@ -214,7 +214,7 @@ class FinalFitConfig(Schema):
     relabel: bool = Field(default=True, description="improve labels and parts too, not only joints")
     rounds: int = Field(default=3, ge=1, description="most rounds of labels and joints in turn, at the end")
     fused_frames: int = Field(default=10, ge=1, description="frames whose points are labelled together")
-    boundary_price: float = Field(default=4.0, ge=0, description="price of a surface edge between two parts")
+    boundary_price: float = Field(default=2.0, ge=0, description="price of a surface edge between two parts")
     min_part_share: float = Field(
         default=0.008, ge=0, lt=1, description="a part holds at least this share of the points"
     )
