@@ -1,7 +1,7 @@
 """E_recons (Eq. 5) of the two solvers on one sequence: `python benchmarks/energy.py FRAMES [--iterations N]`.
 
-Both start from the same flow and fit the same canonical frame; the energy of their relaxed models is then measured
-in the same way, on 2,048 points a frame. `gumbel` runs from still parts at the published rates, as in preset `paper`.
+Both get the same flow and fit the same canonical frame; the energy of their relaxed models is then measured in the same
+way, on 2,048 points a frame. `gumbel` starts from still parts, at the published rates, as in preset `paper`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from run import facts
 
 from pipeline.presets import load_config
 from schemas.flow import Flow
@@ -47,6 +48,7 @@ def main(words: list[str] | None = None) -> int:
         names = ("E_recons", "E_CD", "E_EMD", "E_flow")
         figures = "  ".join(f"{name} {value:.5f}" for name, value in zip(names, terms, strict=True))
         print(f"{solver:12s} {model.Ts_frame_canonical.shape[1]:3d} parts  {figures}  {seconds:.1f} s", flush=True)
+    print(f"{facts()} Seed 0.")
     return 0
 
 

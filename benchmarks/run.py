@@ -1,4 +1,4 @@
-"""Quality and speed on a named set of sequences: `python benchmarks/run.py SET --workdir DIR [--assets DIR]`.
+"""Quality and speed on a named set of sequences: `python benchmarks/run.py SET --workdir DIR [--data DIR]`.
 
 A set is benchmarks/sets/SET.toml. Its sequences go through `reart run`; the evaluation is printed and kept, with the
 date, commit, machine, package versions, wall time and the orchestration's overhead, in benchmarks/results/SET-DATE.json
@@ -87,7 +87,9 @@ def main(words: list[str] | None = None) -> int:
         chosen = read_set(arguments.set)
         if arguments.sequences is not None:
             chosen = chosen.model_copy(update={"sequences": tuple(arguments.sequences.split(","))})
-        record = run(arguments.set, chosen, arguments.workdir, arguments.workers, arguments.assets)
+        if arguments.seed is not None:
+            chosen = chosen.model_copy(update={"seed": arguments.seed})
+        record = run(arguments.set, chosen, arguments.workdir, arguments.workers, arguments.data)
         comparison = None
         if earlier is not None:
             comparison = compare(earlier.evaluation, record.evaluation, arguments.against.name)
@@ -114,10 +116,12 @@ def read_set(name: str) -> BenchmarkSet:
         raise InputError(f"{path}: not a set ({' '.join(str(error).split())}); correct the file") from error
 
 
-def command(chosen: BenchmarkSet, workdir: Path, workers: int) -> list[str]:
+def command(chosen: BenchmarkSet, workdir: Path, workers: int, data: Path | None) -> list[str]:
     """The words of `reart run` for a set."""
     words = ["run", "--dataset", chosen.dataset, "--workdir", str(workdir), "--workers", str(workers)]
     words += ["--seed", str(chosen.seed)]
+    if data is not None:
+        words += ["--data", str(data)]
     if chosen.sequences is not None:
         words += ["--sequences", ",".join(chosen.sequences)]
     if chosen.preset is not None:
@@ -125,14 +129,13 @@ def command(chosen: BenchmarkSet, workdir: Path, workers: int) -> list[str]:
     return words + [word for setting in chosen.settings for word in ("--set", setting)]
 
 
-def run(name: str, chosen: BenchmarkSet, workdir: Path, workers: int, assets: Path | None) -> Record:
+def run(name: str, chosen: BenchmarkSet, workdir: Path, workers: int, data: Path | None) -> Record:
     """Run a set through `reart run`. Raises InputError where that evaluates nothing."""
-    if chosen.assets and assets is None and not os.environ.get("REART_ASSETS"):
+    if chosen.assets and data is None and not os.environ.get("REART_ASSETS"):
         raise InputError(f"set {name!r}: needs a folder of robot descriptions, NAME/NAME.urdf; give --assets FOLDER")
-    environment = os.environ | ({} if assets is None else {"REART_ASSETS": str(assets.resolve())})
     started, clock = datetime.now(UTC), time.perf_counter()
     reart = [sys.executable, "-c", "from pipeline.cli import app; app()"]
-    code = subprocess.run([*reart, *command(chosen, workdir, workers)], env=environment).returncode
+    code = subprocess.run([*reart, *command(chosen, workdir, workers, data)]).returncode
     wall = time.perf_counter() - clock
     path = workdir / chosen.dataset / "evaluation" / "evaluation.json"
     if not path.is_file() or (evaluation := read_scores(path)).created < started:
@@ -184,6 +187,14 @@ def machine() -> Machine:
     )
 
 
+def facts() -> str:
+    """Of which commit and machine figures are, in a line."""
+    computer = machine()
+    packages = ", ".join(f"{name} {version}" for name, version in package_versions().items())
+    where = f"{computer.processor}, {computer.cores} cores, {computer.memory_gib} GiB"
+    return f"Commit {commit() or '-'}; {where}; {packages}."
+
+
 def run_table(record: Record) -> Table:
     """What a run was, and how long it took."""
     computer = record.machine
@@ -225,7 +236,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", help="the name of a set, a file in benchmarks/sets")
     parser.add_argument("--workdir", type=Path, required=True, help="where artifacts go; a fresh one for timing")
-    parser.add_argument("--assets", type=Path, help="a folder of robot descriptions, NAME/NAME.urdf")
+    parser.add_argument(
+        "--data", "--assets", type=Path, help="the folder of sequences, or of robot descriptions, NAME/NAME.urdf"
+    )
+    parser.add_argument("--seed", type=int, help="instead of the set's")
     parser.add_argument("--sequences", metavar="A,B", help="only these of the set")
     parser.add_argument("--workers", type=int, default=cores(), help="stages computed at a time; default: the cores")
     parser.add_argument("--against", type=Path, help="an earlier record: show what got better or worse since")

@@ -11,7 +11,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from run import FOLDER, BenchmarkSet, commit, machine, run
+from run import FOLDER, BenchmarkSet, facts, run
 
 from pipeline.report_tables import Cell, Row, Table, to_markdown
 from schemas.errors import InputError
@@ -33,7 +33,7 @@ COLUMNS = (
 
 
 def main(words: list[str] | None = None) -> int:
-    """Run the ladder. The exit code is that of the worst run, or 2 where there is nothing to run."""
+    """Run the ladder. The exit code is that of the worst run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--workdir", type=Path, required=True, help="where artifacts go: a fresh folder")
     parser.add_argument("--assets", type=Path, help="a folder of robot descriptions, NAME/NAME.urdf")
@@ -43,39 +43,37 @@ def main(words: list[str] | None = None) -> int:
     ladder += [(arguments.sequence, 4096, frames) for frames in FRAMES[1:]]
     ladder += [(name, 4096, 10) for name in PARTS if name != arguments.sequence]
     rows, worst = [], 0
-    try:
-        for name, points, frames in ladder:
-            record = run(
-                "scaling",
-                BenchmarkSet(
-                    description="one step of the ladder",
-                    dataset="roboart",
-                    sequences=(name,),
-                    settings=(f"ingest.roboart.points={points}", f"ingest.roboart.frames={frames}"),
-                ),
-                arguments.workdir / f"{name}-{points}-{frames}",
-                1,
-                arguments.assets,
-            )
-            sequence = record.evaluation.sequences[0]
-            figures = sequence.figures
-            cells = [points, frames, sequence.metrics.parts_true, record.wall_seconds, record.stage_seconds]
-            cells += [sequence.costs[stage].seconds for stage in ("flow", "relaxed_fit", "final_fit")]
-            texts = [f"{cell:.1f}" if isinstance(cell, float) else str(cell) for cell in cells]
-            texts += [f"{figures.peak_memory_mib:.0f}", f"{figures.ari:.3f}"]
-            rows.append(Row(name, tuple(map(Cell, texts))))
-            print(name, *texts, flush=True)
-            worst = max(worst, record.exit_code)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    computer = machine()
-    text = to_markdown(Table("Scaling", ("sequence", *COLUMNS), tuple(rows), words=False))
-    text += f"\nCommit {commit() or '-'}, {computer.processor}, {computer.cores} cores, one worker.\n"
+    for name, points, frames in ladder:
+        try:
+            row, code = step(name, points, frames, arguments.workdir, arguments.assets)
+        except InputError as error:  # what was measured before is kept
+            print(f"error: {error}", file=sys.stderr)
+            row, code = [str(points), str(frames), "failed"], 1
+        rows.append(Row(name, tuple(map(Cell, row + ["-"] * (len(COLUMNS) - len(row))))))
+        print(name, *row, flush=True)
+        worst = max(worst, code)
+    table = Table("Scaling", ("sequence", *COLUMNS), tuple(rows), words=False)
+    text = f"{to_markdown(table)}\n{facts()} One worker, seed 0.\n"
     path = FOLDER / "results" / f"scaling-{datetime.now(UTC):%Y-%m-%d-%H%M}.md"
     path.write_text(text)
     print(f"{text}\nwritten: {path}")
     return worst
+
+
+def step(name: str, points: int, frames: int, workdir: Path, assets: Path | None) -> tuple[list[str], int]:
+    """A sequence fitted: its row, and the exit code. Raises InputError where there is nothing to measure."""
+    chosen = BenchmarkSet(
+        description="one step of the ladder",
+        dataset="roboart",
+        sequences=(name,),
+        settings=(f"ingest.roboart.points={points}", f"ingest.roboart.frames={frames}"),
+    )
+    record = run("scaling", chosen, workdir / f"{name}-{points}-{frames}", 1, assets)
+    sequence = record.evaluation.sequences[0]
+    seconds = [record.wall_seconds, record.stage_seconds]
+    seconds += [sequence.costs[stage].seconds for stage in ("flow", "relaxed_fit", "final_fit")]
+    row = [str(points), str(frames), str(sequence.metrics.parts_true), *(f"{value:.1f}" for value in seconds)]
+    return [*row, f"{sequence.figures.peak_memory_mib:.0f}", f"{sequence.figures.ari:.3f}"], record.exit_code
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from run import FOLDER, Record, commit, machine, read_set, run
+from run import FOLDER, Record, facts, read_set, run
 
 from pipeline.cli.options import cores
 from pipeline.report_tables import Cell, Row, Table, to_markdown
@@ -62,17 +62,24 @@ def main(words: list[str] | None = None) -> int:
         chosen = read_set(arguments.set)
         if arguments.sequences is not None:
             chosen = chosen.model_copy(update={"sequences": tuple(arguments.sequences.split(","))})
-        for name in arguments.only or VARIANTS:
-            changed = chosen.model_copy(update={"settings": chosen.settings + FAST_EXPORT + VARIANTS[name]})
-            records[name] = run(arguments.set, changed, arguments.workdir, arguments.workers, arguments.assets)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    text = f"{to_markdown(table(records))}\n{facts(arguments.set)}\n"
+    worst = 0
+    for name in arguments.only or VARIANTS:
+        changed = chosen.model_copy(update={"settings": chosen.settings + FAST_EXPORT + VARIANTS[name]})
+        try:
+            records[name] = run(arguments.set, changed, arguments.workdir, arguments.workers, arguments.assets)
+        except InputError as error:  # what was measured before is kept
+            print(f"error: {name}: {error}", file=sys.stderr)
+            worst = 1
+    if not records:
+        return 2
+    text = f"{to_markdown(table(records))}\nSet `{arguments.set}`. {facts()}\n"
     path = FOLDER / "results" / f"variants-{arguments.set}-{datetime.now(UTC):%Y-%m-%d-%H%M}.md"
     path.write_text(text)
     print(f"{text}\nwritten: {path}")
-    return max(record.exit_code for record in records.values())
+    return max(worst, *(record.exit_code for record in records.values()))
 
 
 def table(records: dict[str, Record]) -> Table:
@@ -83,12 +90,6 @@ def table(records: dict[str, Record]) -> Table:
         cells = [Cell("-" if (value := getattr(means, measure)) is None else f"{value:.3f}") for measure in MEASURES]
         rows.append(Row(name, tuple(cells)))
     return Table("Variants", ("variant", *MEASURES), tuple(rows), words=False)
-
-
-def facts(name: str) -> str:
-    """Where and of what the figures are."""
-    computer = machine()
-    return f"Set `{name}`, commit {commit() or '-'}, {computer.processor}, {computer.cores} cores."
 
 
 if __name__ == "__main__":

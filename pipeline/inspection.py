@@ -12,8 +12,6 @@ from pipeline import store
 from schemas.artifact import Schema
 from schemas.manifest import ArrayEntry, Manifest
 
-HISTORY_COLUMNS = ("E_recons", "E_CD", "E_EMD", "E_flow")
-
 
 class ArrayReport(Schema):
     """One line of the array table, and what the values are."""
@@ -52,9 +50,9 @@ def inspect(directory: Path) -> Inspection:
             problems.append(error.what)
             reports.append(ArrayReport(entry=entry))
     energies = dict(energies_of(manifest.payload))
-    for name, array in arrays.items():
-        if name.endswith("energy_history") and len(array):
-            energies |= dict(zip(HISTORY_COLUMNS, array[-1].tolist(), strict=True))
+    history, names = arrays.get("energy_history"), manifest.payload.get("energy_names")
+    if history is not None and len(history) and isinstance(names, list):
+        energies |= dict(zip(map(str, names), history[-1].tolist(), strict=False))
     return Inspection(
         path=directory, manifest=manifest, arrays=tuple(reports), energies=energies, problems=tuple(problems)
     )

@@ -68,7 +68,7 @@ class CandidateTask(StageTask):
 
 
 class RelaxedFitTask(CandidateTask):
-    stage, version, schema = "relaxed_fit", 3, RelaxedModel
+    stage, version, schema = "relaxed_fit", 4, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
         ingest = IngestTask(job=self.job)

@@ -20,14 +20,20 @@ class RelaxedModel(Artifact):
     canonical_frame: int = Field(ge=0)
     labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
     Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")]
-    energy_history: Annotated[Float64[np.ndarray, "records 4"], Unit("normalised")] = Field(
-        description="rows of (E_recons, E_CD, E_EMD, E_flow) over the run"
+    energy_history: Annotated[Float64[np.ndarray, "records energies"], Unit("normalised")] = Field(
+        description="what the solver lowered, over the run; a column for each of `energy_names`"
     )
+    energy_names: tuple[str, ...] = ("E_recons", "E_CD", "E_EMD", "E_flow")
     solver: str
     iterations: int = Field(ge=0)
 
     @model_validator(mode="after")
-    def _check_labels(self) -> Self:
+    def _check(self) -> Self:
+        if self.energy_history.shape[1] != len(self.energy_names):
+            raise ValueError(
+                f"RelaxedModel.energy_history: found {self.energy_history.shape[1]} columns, expected one for each of "
+                f"{', '.join(self.energy_names)}; give energy_names to match"
+            )
         parts = self.Ts_frame_canonical.shape[1]
         used = np.unique(self.labels)
         if not np.array_equal(used, np.arange(parts)):

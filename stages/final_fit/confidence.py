@@ -18,6 +18,7 @@ USUAL_PRICE = 30.0  # where parts have no price
 REFITTED = 0.1  # share of the rise by best joints that is left when all is refitted, on robots, about
 SURE = 5.0  # prices from which on a rise is not looked into further
 CONTACT = 2.0  # spacings within which sampled surfaces touch
+CLEARLY_WORSE = 1.0  # spacings by which another parent is worse where a link is 1 - 1/e sure
 
 
 def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarray, "joints 3"]:
@@ -38,7 +39,7 @@ def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarr
     return np.stack(
         [
             _certainty(_part_rises(fit, costs, Ts, samples, frames, price), price),
-            one_dof * _certainty(_link_margins(fit, Ts, samples, frames), 1.0),
+            one_dof * _certainty(_link_margins(fit, Ts, samples, frames), CLEARLY_WORSE),
             _certainty(_type_rises(fit, costs, Ts, samples, frames), price),
         ],
         axis=1,

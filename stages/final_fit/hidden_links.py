@@ -138,9 +138,9 @@ def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
 
 def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Frames) -> Chain:
     """A moving root that one revolute joint explains becomes the child of a still part."""
-    if not chain.free_root:
-        return chain
     p_root = frames.p[labels == chain.root]
+    if not chain.free_root or len(p_root) == 0:
+        return chain
     p = torch.from_numpy(p_root[farthest_points(p_root, JOINT_SAMPLES)])
     turn = fit_screw(torch.from_numpy(chain.T_frame_root), p, "revolute")
     if _rms(turn) > STILL_BASE * frames.noise:

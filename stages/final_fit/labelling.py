@@ -60,11 +60,15 @@ class LabelProblem:
         return grown
 
     def with_every_part(self, labels: Int64[np.ndarray, "points"], count: int) -> Int64[np.ndarray, "count"]:
-        """The labels of the first `count` points, each part of the tree having at least one of them."""
+        """The labels of the first `count` points, each part of the tree having at least one of them.
+
+        A part that has none gets the point that costs least, if need be one that may not be its own; never another
+        part's only one.
+        """
         labels = labels.copy()
         for part in np.setdiff1d(np.arange(self.costs.shape[1]), labels[:count]):
-            spare = np.bincount(labels[:count], minlength=self.costs.shape[1])[labels[:count]] > 1
-            labels[np.where(spare, self._dearness(labels, part)[:count], np.inf).argmin()] = part
+            spare = np.flatnonzero(np.bincount(labels[:count])[labels[:count]] > 1)
+            labels[spare[self._dearness(labels, part)[spare].argmin()]] = part
         return labels[:count]
 
     def _dearness(self, labels: Int64[np.ndarray, "points"], part: int) -> Float64[np.ndarray, "points"]:

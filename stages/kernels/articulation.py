@@ -172,8 +172,7 @@ def _jacobians(
     """d(twist of each part)/d(own unknowns of a frame) and d(...)/d(small rigid motions of the axes).
 
     An axis that is moved by a twist eta changes its screw motion S to exp(eta) S exp(-eta): the child then
-    moves by the twist (1 - Ad_S) eta. Angles in radians per noise unit, lengths in noise units, so that
-    unknowns weigh alike.
+    moves by the twist (1 - Ad_S) eta. Angles in radians, lengths in noise units.
     """
     frames, parts, joints = *centres.shape[:2], len(chain.child)
     Ts_parent = chain.Ts()[:, chain.parent]

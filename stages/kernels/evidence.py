@@ -15,7 +15,7 @@ NEAREST = 3  # points of a frame that stand for its surface near a moved point
 NEAR = 0.7  # radius, in spacings, within which they count
 PLANE_NOISE = 0.2  # spread of distances from the common plane, in spacings, where the motion is right
 TRUNCATION = 9.0
-CHUNK = 60_000  # entries looked at together, for memory's sake
+CHUNK = 600_000  # places of entries in frames looked at together, for memory's sake
 
 
 def motion_cost(
@@ -32,7 +32,8 @@ def motion_cost(
     The cost in a frame is the squared distance of the nearest point from that plane in units of its noise, plus half
     its squared distance from the moved point in spacings, truncated.
     """
-    chunks = [slice(start, start + CHUNK) for start in range(0, len(point), CHUNK)]
+    step = max(1, CHUNK // len(registration.others))
+    chunks = [slice(start, start + step) for start in range(0, len(point), step)]
     costs = [_cost(registration, p[point[chunk]], part[chunk], Ts) for chunk in chunks]
     return np.concatenate(costs) if costs else np.zeros(0)
 

@@ -200,7 +200,7 @@ def twist_jacobian(arms: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray,
 def turn_about(
     centres: Float64[np.ndarray, "groups 3"], twists: Float64[np.ndarray, "groups 6"], noise: float
 ) -> Float64[np.ndarray, "groups 4 4"]:
-    """Transforms of twists taken about given centres; angles in radians per noise unit, lengths in noise units."""
+    """Transforms of twists taken about given centres; angles in radians, lengths in noise units."""
     rotation = torch.from_numpy(np.ascontiguousarray(twists[:, :3]))
     Ts = se3.exp(torch.cat([rotation, torch.zeros_like(rotation)], dim=1)).numpy()
     Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise

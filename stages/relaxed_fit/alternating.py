@@ -1,9 +1,9 @@
 """Solver `alternating`: motions, labels and the set of parts improved in turn, without any learning.
 
-One energy is lowered throughout: the cost of every point under its part's motion in all frames, a price
-for every surface edge between two parts (Potts), and a price for every part. Motions come from
-registration of all parts together, labels from minimum cuts, fewer parts from trying one motion for two,
-more parts from registering small patches of the surface by themselves.
+One energy says which labels and parts are better: the cost of every point under its part's motion in all
+frames, a price for every surface edge between two parts (Potts), and a price for every part. Motions come
+from registration of all parts together, from model to frames and back, labels from minimum cuts, fewer parts
+from trying one motion for two, more parts from registering small patches of the surface by themselves.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def solve_alternating(
         parts = merge(relabel(parts, problem), problem)
         if round_ < settings.rounds - settings.closing_rounds:
             parts = split(parts, problem)
-        history.append([problem.energy(parts), 0.0, 0.0, 0.0])
+        history.append([problem.energy(parts)])
         progress(round_ + 1, settings.rounds, history[-1][0] / len(registration.p))
     parts = absorb_small_parts(absorb_specks(parts, problem), problem)
     parts = refine(parts, problem, 4, REACH_LAST)
@@ -111,6 +111,7 @@ def solve_alternating(
         labels=parts.labels[nearest(KDTree(registration.p), p_all)[1]],
         Ts_frame_canonical=parts.Ts,
         energy_history=np.array(history),
+        energy_names=("E_alternating",),
         solver="alternating",
         iterations=settings.rounds,
     )

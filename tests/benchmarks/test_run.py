@@ -64,9 +64,9 @@ def test_a_set_becomes_the_words_of_a_run(benchmark):
     chosen = benchmark.BenchmarkSet(
         description="x", dataset="roboart", sequences=("a1", "ur5"), preset="paper", settings=("flow.x=1",), seed=3
     )
-    words = " ".join(benchmark.command(chosen, Path("w"), 2))
+    words = " ".join(benchmark.command(chosen, Path("w"), 2, Path("d")))
     assert words == (
-        "run --dataset roboart --workdir w --workers 2 --seed 3 --sequences a1,ur5 --preset paper --set flow.x=1"
+        "run --dataset roboart --workdir w --workers 2 --seed 3 --data d --sequences a1,ur5 --preset paper --set flow.x=1"
     )
 
 

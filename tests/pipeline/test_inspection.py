@@ -10,12 +10,16 @@ from schemas.manifest import Provenance
 def stored(tiny, samples, tmp_path):
     """Artifacts of several schemas, each under the name of its sample."""
     first, *_ = tiny.finish(tiny.job())
-    values = store.read_manifest(first.directory).model_dump(include=set(Provenance.model_fields))
     places = {}
     for name, sample in samples.items():
         places[name] = tmp_path / name / first.directory.name
-        store.publish(places[name], sample, Provenance.model_validate(values))
+        store.publish(places[name], sample, provenance(first.directory))
     return places
+
+
+def provenance(directory):
+    values = store.read_manifest(directory).model_dump(include=set(Provenance.model_fields))
+    return Provenance.model_validate(values)
 
 
 def test_the_arrays_of_an_artifact_are_described(stored, samples):
@@ -34,6 +38,13 @@ def test_energies_are_found_wherever_they_are(stored):
     assert inspect(stored["relaxed"]).energies == {"E_recons": 3.0, "E_CD": 1.0, "E_EMD": 1.0, "E_flow": 1.0}
     assert inspect(stored["choice"]).energies["frame 1: E_project + E_group"] == 0.1 + 0.2
     assert inspect(stored["choice"]).energies["model.E_group"] == np.inf
+
+
+def test_a_solvers_own_energy_keeps_its_name(stored, samples):
+    own = samples["relaxed"].replace(energy_history=np.array([[5.0], [4.0]]), energy_names=("E_own",))
+    directory = stored["relaxed"].parent / "own" / stored["relaxed"].name
+    store.publish(directory, own, provenance(stored["relaxed"]))
+    assert inspect(directory).energies == {"E_own": 4.0}
 
 
 def test_what_is_corrupt_is_named_and_the_rest_still_shown(stored):

@@ -48,6 +48,17 @@ def test_no_part_is_left_without_points_where_two_move_alike(housed, part):
     assert counts.min() > 0, counts
 
 
+@pytest.mark.parametrize("suits", [[], [3]])
+def test_a_part_without_points_gets_none_that_is_another_parts_only_one(suits):
+    costs = np.zeros((4, 3))
+    costs[:, 2] = np.inf
+    costs[suits, 2] = 1.0
+    problem = LabelProblem(costs, np.zeros((0, 2), dtype=np.int64), np.zeros(0))
+    labels = problem.with_every_part(np.array([0, 1, 1, 1]), 4)
+    assert np.bincount(labels).tolist() == [1, 2, 1]
+    assert not suits or labels[suits] == 2
+
+
 def still(joint):
     return replace(joint, states=0 * joint.states)
 

@@ -112,3 +112,15 @@ def test_a_solver_that_leaves_a_part_without_points_is_refused(hinge):
             solver="mine",
             iterations=0,
         )
+
+
+def test_a_solvers_energies_have_names(hinge):
+    with pytest.raises(ValueError, match="found 1 columns, expected one for each of E_recons, E_CD, E_EMD, E_flow"):
+        RelaxedModel(
+            canonical_frame=2,
+            labels=np.zeros(400, dtype=np.int64),
+            Ts_frame_canonical=np.tile(np.eye(4), (5, 1, 1, 1)),
+            energy_history=np.zeros((3, 1)),
+            solver="mine",
+            iterations=0,
+        )
