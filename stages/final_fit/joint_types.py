@@ -17,8 +17,7 @@ from stages.kernels.articulation import Joint
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
-    """Each prismatic joint made a hinge at its contact where that leaves less of the frames."""
-    cost = cost_of(fit, frames)
+    """Each prismatic joint made a hinge at its contact where that leaves less of the frames, both refined as long."""
     for index in np.flatnonzero(~fit.chain.revolute).tolist():
         joint = fit.chain.joint(index)
         p_parent, p_child = (frames.p[fit.labels == part] for part in (joint.parent, joint.child))
@@ -27,8 +26,9 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
         hinge = hinge_at(contact_of(p_parent, p_child), p_child.mean(axis=0), joint)
         joints = [hinge if other == index else fit.chain.joint(other) for other in range(len(fit.chain.child))]
         trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
-        if (there := cost_of(trial, frames)) < cost:
-            fit, cost = trial, there
+        fit = frames.refine(fit, iterations)
+        if cost_of(trial, frames) < cost_of(fit, frames):
+            fit = trial
     return fit
 
 

@@ -66,7 +66,8 @@ def test_a_set_becomes_the_words_of_a_run(benchmark):
     )
     words = " ".join(benchmark.command(chosen, Path("w"), 2, Path("d")))
     assert words == (
-        "run --dataset roboart --workdir w --workers 2 --seed 3 --data d --sequences a1,ur5 --preset paper --set flow.x=1"
+        "run --dataset roboart --workdir w --workers 2 --seed 3 --data d "
+        "--sequences a1,ur5 --preset paper --set flow.x=1"
     )
 
 
