@@ -11,20 +11,17 @@ from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits
 from stages.kernels.articulation import Chain, Joint
 from stages.kernels.sampling import farthest_points
 
-LARGE = 0.15  # share of the points from which on a part is not tried
 # a rise of so many prices is given up: before joints are refined, and after so few steps of it
 ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0
 
 
 def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
-    """Small parts joined to their parent or only child, smallest first, wherever all points' costs rise by less than
+    """Parts joined to their parent or only child, smallest first, wherever all points' costs rise by less than
     `part_price`."""
     counts = np.bincount(fit.labels, minlength=fit.chain.parts)
     names = list(range(fit.chain.parts))  # parts by their first numbers, as joining renumbers them
     cost = cost_of(fit, frames)
     for name in np.argsort(counts, kind="stable").tolist():
-        if counts[name] >= LARGE * len(fit.labels):
-            break
         part = names.index(name)
         for into in _neighbours(fit.chain, part):
             joined = join(fit, frames, part, into)
