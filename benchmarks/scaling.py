@@ -38,10 +38,14 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--workdir", type=Path, required=True, help="where artifacts go: a fresh folder")
     parser.add_argument("--assets", type=Path, help="a folder of robot descriptions, NAME/NAME.urdf")
     parser.add_argument("--sequence", default="a1", help="the robot whose points and frames grow")
+    parser.add_argument("--points", type=int, nargs="*", default=POINTS, help="a frame, where 10 frames are fitted")
+    parser.add_argument("--frames", type=int, nargs="*", default=FRAMES, help="where they have 4,096 points")
+    parser.add_argument("--robots", nargs="*", default=PARTS, help="of ever more parts, 10 frames of 4,096 points")
     arguments = parser.parse_args(words)
-    ladder = [(arguments.sequence, points, 10) for points in POINTS]
-    ladder += [(arguments.sequence, 4096, frames) for frames in FRAMES[1:]]
-    ladder += [(name, 4096, 10) for name in PARTS if name != arguments.sequence]
+    ladder = [(arguments.sequence, points, 10) for points in arguments.points]
+    ladder += [(arguments.sequence, 4096, frames) for frames in arguments.frames]
+    ladder += [(name, 4096, 10) for name in arguments.robots]
+    ladder = list(dict.fromkeys(ladder))
     rows, worst = [], 0
     for name, points, frames in ladder:
         try:
