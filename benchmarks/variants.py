@@ -32,7 +32,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "no pruning": ("final_fit.part_price=0",),
     "labels of one frame only": ("final_fit.fused_frames=1",),
     "canonical frame: the middle one": ("canonical_frame.candidates=1",),
-    "canonical frame: two by one relaxed fit": ("canonical_frame.fits=1",),
+    "canonical frame: two, a relaxed fit each": ("canonical_frame.fits=2",),
     "canonical frame: any of four": ("canonical_frame.candidates=4",),
 }
 FAST_EXPORT = ("export.surface=hull",)

@@ -193,7 +193,7 @@ class CanonicalFrameConfig(Schema):
         default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
     )
     fits: int = Field(
-        default=2, ge=1, description="candidates with a relaxed fit of their own; the others get the first one's"
+        default=1, ge=1, description="candidates with a relaxed fit of their own; the others get the first one's"
     )
 
 
