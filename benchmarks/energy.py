@@ -17,7 +17,7 @@ from run import facts
 
 from pipeline.presets import load_config
 from schemas.flow import Flow
-from schemas.relaxed import RelaxedModel
+from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence
 from stages.energy import EnergyTerms, ReconstructionEnergy
 from stages.flow import estimate_flow
@@ -45,8 +45,8 @@ def main(words: list[str] | None = None) -> int:
         model = fit_relaxed(sequence, flow, sequence.frame_count // 2, settings, np.random.default_rng(0))
         seconds = time.perf_counter() - clock
         terms = energy(model, sequence, flow).row()
-        names = ("E_recons", "E_CD", "E_EMD", "E_flow")
-        figures = "  ".join(f"{name} {value:.5f}" for name, value in zip(names, terms, strict=True))
+        named = zip(RECONSTRUCTION_ENERGIES, terms, strict=True)
+        figures = "  ".join(f"{name} {value:.5f}" for name, value in named)
         print(f"{solver:12s} {model.Ts_frame_canonical.shape[1]:3d} parts  {figures}  {seconds:.1f} s", flush=True)
     print(f"{facts()} Seed 0.")
     return 0

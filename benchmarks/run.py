@@ -84,9 +84,7 @@ def main(words: list[str] | None = None) -> int:
     arguments = _parser().parse_args(words)
     try:
         earlier = None if arguments.against is None else read_record(arguments.against)
-        chosen = read_set(arguments.set)
-        if arguments.sequences is not None:
-            chosen = chosen.model_copy(update={"sequences": tuple(arguments.sequences.split(","))})
+        chosen = read_set(arguments.set, arguments.sequences)
         if arguments.seed is not None:
             chosen = chosen.model_copy(update={"seed": arguments.seed})
         record = run(arguments.set, chosen, arguments.workdir, arguments.workers, arguments.data)
@@ -104,16 +102,20 @@ def main(words: list[str] | None = None) -> int:
     return record.exit_code
 
 
-def read_set(name: str) -> BenchmarkSet:
-    """A named set. Raises InputError for an unknown one, or one that says what a set cannot."""
+def read_set(name: str, sequences: str | None = None) -> BenchmarkSet:
+    """A named set, or those of its sequences that are named, as in "a1,ur5".
+
+    Raises InputError for an unknown set, or one that says what a set cannot.
+    """
     path = FOLDER / "sets" / f"{name}.toml"
     if not path.is_file():
         known = ", ".join(sorted(path.stem for path in path.parent.glob("*.toml")))
         raise InputError(f"set {name!r}: not found, expected one of {known}; or write {path}")
     try:
-        return BenchmarkSet.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        chosen = BenchmarkSet.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, ValidationError) as error:
         raise InputError(f"{path}: not a set ({' '.join(str(error).split())}); correct the file") from error
+    return chosen if sequences is None else chosen.model_copy(update={"sequences": tuple(sequences.split(","))})
 
 
 def command(chosen: BenchmarkSet, workdir: Path, workers: int, data: Path | None) -> list[str]:

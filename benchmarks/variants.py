@@ -59,9 +59,7 @@ def main(words: list[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     records: dict[str, Record] = {}
     try:
-        chosen = read_set(arguments.set)
-        if arguments.sequences is not None:
-            chosen = chosen.model_copy(update={"sequences": tuple(arguments.sequences.split(","))})
+        chosen = read_set(arguments.set, arguments.sequences)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -10,6 +10,8 @@ from pydantic import Field, model_validator
 
 from schemas.artifact import Artifact, Unit
 
+RECONSTRUCTION_ENERGIES = ("E_recons", "E_CD", "E_EMD", "E_flow")  # the whole and its terms (Eq. 5)
+
 
 class RelaxedModel(Artifact):
     """Part labels on the canonical frame and one free rigid motion per part and frame (Eq. 5).
@@ -23,17 +25,21 @@ class RelaxedModel(Artifact):
     energy_history: Annotated[Float64[np.ndarray, "records energies"], Unit("normalised")] = Field(
         description="what the solver lowered, over the run; a column for each of `energy_names`"
     )
-    energy_names: tuple[str, ...] = ("E_recons", "E_CD", "E_EMD", "E_flow")
+    energy_names: tuple[str, ...] = RECONSTRUCTION_ENERGIES
     solver: str
     iterations: int = Field(ge=0)
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check_energies(self) -> Self:
         if self.energy_history.shape[1] != len(self.energy_names):
             raise ValueError(
                 f"RelaxedModel.energy_history: found {self.energy_history.shape[1]} columns, expected one for each of "
                 f"{', '.join(self.energy_names)}; give energy_names to match"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_labels(self) -> Self:
         parts = self.Ts_frame_canonical.shape[1]
         used = np.unique(self.labels)
         if not np.array_equal(used, np.arange(parts)):

@@ -8,6 +8,7 @@ import torch
 from schemas.config import FinalFitConfig
 from schemas.flow import Flow
 from schemas.kinematic import KinematicModel
+from schemas.relaxed import RECONSTRUCTION_ENERGIES
 from schemas.sequence import PointSequence
 from stages.energy import ReconstructionEnergy
 from stages.final_fit.confidence import joint_confidence
@@ -82,4 +83,4 @@ def reconstruction_energies(
     energy = ReconstructionEnergy(sequence, flow, model.canonical_frame, config.energy, config.energy_points, 1)
     Ts = torch.from_numpy(model.Ts_frame_canonical[:, model.labels[energy.index]])
     predicted = se3.transform(Ts, torch.from_numpy(energy.p_canonical)[:, None])[..., 0, :]
-    return dict(zip(("E_recons", "E_CD", "E_EMD", "E_flow"), energy(predicted, 0).row(), strict=True))
+    return dict(zip(RECONSTRUCTION_ENERGIES, energy(predicted, 0).row(), strict=True))

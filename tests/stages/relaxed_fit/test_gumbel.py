@@ -102,25 +102,23 @@ def test_a_users_own_solver_is_called(hinge, tmp_path, monkeypatch):
     assert model.solver == "mine"
 
 
-def test_a_solver_that_leaves_a_part_without_points_is_refused(hinge):
+def of_one_label(parts, energy_history):
+    """A model of 400 points that all belong to part 0."""
+    return RelaxedModel(
+        canonical_frame=2,
+        labels=np.zeros(400, dtype=np.int64),
+        Ts_frame_canonical=np.tile(np.eye(4), (5, parts, 1, 1)),
+        energy_history=energy_history,
+        solver="mine",
+        iterations=0,
+    )
+
+
+def test_a_solver_that_leaves_a_part_without_points_is_refused():
     with pytest.raises(ValueError, match="every part"):
-        RelaxedModel(
-            canonical_frame=2,
-            labels=np.zeros(400, dtype=np.int64),
-            Ts_frame_canonical=np.tile(np.eye(4), (5, 2, 1, 1)),
-            energy_history=np.zeros((0, 4)),
-            solver="mine",
-            iterations=0,
-        )
+        of_one_label(2, np.zeros((0, 4)))
 
 
-def test_a_solvers_energies_have_names(hinge):
+def test_a_solvers_energies_have_names():
     with pytest.raises(ValueError, match="found 1 columns, expected one for each of E_recons, E_CD, E_EMD, E_flow"):
-        RelaxedModel(
-            canonical_frame=2,
-            labels=np.zeros(400, dtype=np.int64),
-            Ts_frame_canonical=np.tile(np.eye(4), (5, 1, 1, 1)),
-            energy_history=np.zeros((3, 1)),
-            solver="mine",
-            iterations=0,
-        )
+        of_one_label(1, np.zeros((3, 1)))
