@@ -18,7 +18,7 @@ from schemas.errors import InputError
 FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
 # presets that say where sequences come from; roboart-noisy and the like add to roboart
-DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "sapien", "scans")
+DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "urdf", "sapien", "scans")
 
 AnySchema = TypeVar("AnySchema", bound=Schema)
 Options = Mapping[str, tuple[str, Any]]  # of the command line: the setting that each stands for, and its value

@@ -20,7 +20,7 @@ from schemas.errors import InputError
 from schemas.metrics import Metrics
 from schemas.scores import Figures, GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
 from stages.ingest.roboart import robot_kind, robot_split
-from stages.ingest.sources import RoboartSource, Source, list_sources
+from stages.ingest.sources import DescribedSource, RoboartSource, Source, list_sources
 from stages.kernels.roc import area_under_roc
 from stages.summary import figures_of, mean_costs, mean_figures, total_cost
 
@@ -144,10 +144,14 @@ def read_scores(path: Path) -> Scores:
 
 
 def _origin(source: Source) -> dict[str, str]:
-    """The robot that a sequence shows, its type and its split, where it shows one of the data set's."""
-    if not isinstance(source, RoboartSource):
-        return {}
-    return {"robot": source.robot, "type": robot_kind(source.robot), "split": robot_split(source.robot)}
+    """What a sequence shows, where that has a name; of RoboArt's robots the type and the split, too."""
+    match source:
+        case RoboartSource(thing=robot):
+            return {"robot": robot, "type": robot_kind(robot), "split": robot_split(robot)}
+        case DescribedSource(thing=thing):
+            return {"robot": thing}
+        case _:
+            return {}
 
 
 def _why_missing(sequence: str, statuses: Sequence[TaskStatus]) -> MissingScore:

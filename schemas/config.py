@@ -40,7 +40,7 @@ class RoboartConfig(Schema):
 class IngestConfig(Schema):
     """Where frames come from and how they are read."""
 
-    source: Literal["files", "roboart"] = "files"
+    source: Literal["files", "roboart", "urdf"] = "files"
     units: LengthUnit = Field(default="unknown", description="the unit of the input's coordinates")
     every: int = Field(default=1, ge=1, description="only every so many-th frame is used, from the first on")
     min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")

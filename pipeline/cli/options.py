@@ -33,7 +33,7 @@ DataOption = Annotated[
     typer.Option(
         "--data",
         "--assets",
-        help="The folder of sequences, where the data set is files; for roboart the folder of robot descriptions.",
+        help="The folder of sequences, where the data set is files; for roboart and urdf that of robot descriptions.",
     ),
 ]
 SequencesOption = Annotated[str | None, typer.Option(help="Only these, as in `bolt,ur5`; default: all.")]

@@ -19,6 +19,11 @@ def visible_files(folder: Path) -> list[Path]:
     return [entry for entry in visible_entries(folder) if entry.is_file()]
 
 
+def visible_folders(folder: Path) -> list[Path]:
+    """The folders in a folder, as `visible_files`."""
+    return [entry for entry in visible_entries(folder) if entry.is_dir()]
+
+
 def visible_entries(folder: Path) -> list[Path]:
     """The files and folders of a folder in natural order, without hidden ones, as `visible_files`."""
     try:

@@ -1,4 +1,4 @@
-"""Where sequences come from: files of the user's, or the RoboArt builder."""
+"""Where sequences come from: files of the user's, or the RoboArt builder, which takes any description."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import hashlib
 import os
 import re
 import zlib
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from stages.ingest.point_formats import map_array
 from stages.ingest.readers import Frame, frame_files, read_frames
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.truth import read_truth, truth_files
+
+if TYPE_CHECKING:
+    from stages.ingest.roboart import Description
 
 _TRUTH_NAME = "ground_truth.npz"
 _FRAMES_NAME = "frames"
@@ -74,37 +78,61 @@ class FileSource:
 
 
 @dataclass(frozen=True)
-class RoboartSource:
-    """A sequence that the RoboArt builder makes from a robot's description.
-
-    `variant` counts the sequences of one robot; `assets` is a folder of descriptions that is searched first.
-    """
+class DescribedSource(ABC):
+    """A sequence that the RoboArt builder makes from a description; `variant` counts the sequences of one thing."""
 
     name: str
-    robot: str
-    variant: int = 0
-    assets: Path | None = None
+    thing: str
+    variant: int
+
+    @abstractmethod
+    def description(self) -> Description:
+        """Where the description lies. Raises InputError as `digest`."""
 
     def digest(self) -> str:
-        """SHA-256 (hex) of the robot's description and the sequence's variant.
+        """SHA-256 (hex) of the description and the sequence's variant.
 
-        Raises UnavailableError, which tells how to get it, for a description that this machine lacks.
+        Raises UnavailableError, which tells how to get it, for a description that this machine lacks, and InputError
+        for one that is not XML or lacks a mesh.
         """
-        from stages.ingest.roboart import robot_digest
+        from stages.ingest.roboart import description_digest
 
-        return hashlib.sha256(f"{robot_digest(self.robot, self.assets)} {self.variant}".encode()).hexdigest()
+        return hashlib.sha256(f"{description_digest(self.description())} {self.variant}".encode()).hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The robot's sampled frames as a normalised sequence, in metres, with full ground truth."""
-        from stages.ingest.roboart import build_sequence
+        """The sampled frames as a normalised sequence, in metres, with full ground truth."""
+        from stages.ingest.roboart import build_from_urdf
 
-        # robots of one build would all move alike from one stream; a variant stays, however many there are
-        own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.robot.encode()), self.variant])
-        points, truth = build_sequence(self.robot, config.roboart, own_rng, self.assets)
+        # all things of one build would move alike from one stream; a variant stays, however many there are
+        own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.thing.encode()), self.variant])
+        found = self.description()
+        points, truth = build_from_urdf(found.urdf_path, found.mesh_dirs, config.roboart, own_rng)
         frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
         kept = _every(frames, config.every)
         sequence = normalise(kept, config, "metre")
         return IngestedSequence(sequence=sequence, truth=normalise_truth(truth.every(config.every), kept, sequence))
+
+
+@dataclass(frozen=True)
+class RoboartSource(DescribedSource):
+    """A sequence of one of RoboArt's robots; `assets` is a folder of descriptions that is searched first."""
+
+    assets: Path | None = None
+
+    def description(self) -> Description:
+        from stages.ingest.roboart import robot_description
+
+        return robot_description(self.thing, self.assets)
+
+
+@dataclass(frozen=True)
+class UrdfSource(DescribedSource):
+    """A sequence of a thing of the user's own, moved and sampled as RoboArt's robots are."""
+
+    own: Description
+
+    def description(self) -> Description:
+        return self.own
 
 
 def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
@@ -123,15 +151,21 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
 
     Source "roboart" gives every robot of the data set, whether this machine has its description or not, and
     takes `data`, or else the environment's REART_ASSETS, as a folder of descriptions NAME/NAME.urdf that is
-    searched first. Source "files" gives `data` itself where it is one sequence,
-    else its sub-folders and .npy or .npz files that are. Raises InputError where there are none.
+    searched first. Source "urdf" gives everything that `own_descriptions` finds in `data`. Source "files" gives `data`
+    itself where it is one sequence, else its sub-folders and .npy or .npz files that are. Raises InputError where
+    there are none.
     """
     if config.source == "roboart":
         return _roboart_sources(config.roboart.sequences_per_robot, data)
+    expected = "sequences" if config.source == "files" else "URDF files"
     if data is None:
-        raise InputError("ingest.source: found 'files' without a folder of sequences, expected one; say where it is")
+        raise InputError(
+            f"ingest.source: found {config.source!r} without a folder of {expected}, expected one; give --data FOLDER"
+        )
     if not data.exists():
-        raise InputError(f"{data}: found neither a file nor a folder there, expected sequences; check the path")
+        raise InputError(f"{data}: found neither a file nor a folder there, expected {expected}; check the path")
+    if config.source == "urdf":
+        return _urdf_sources(config.roboart.sequences_per_robot, data)
     if data.is_file() or _is_sequence(data):
         return [file_source(data)]
     found = [file_source(entry) for entry in visible_entries(data) if _is_sequence(entry)]
@@ -161,13 +195,21 @@ def _roboart_sources(per_robot: int, data: Path | None) -> list[Source]:
             f"{assets}: found no robot there, expected NAME/NAME.urdf for some of {', '.join(robot_names())}; "
             f"check the path (--assets or {ASSETS_VARIABLE})"
         )
-    if per_robot == 1:
-        return [RoboartSource(robot, robot, 0, assets) for robot in robot_names()]
-    return [
-        RoboartSource(f"{robot}-{variant}", robot, variant, assets)
-        for robot in robot_names()
-        for variant in range(per_robot)
-    ]
+    return [RoboartSource(*names, assets) for names in _variants(robot_names(), per_robot)]
+
+
+def _urdf_sources(per_thing: int, data: Path) -> list[Source]:
+    from stages.ingest.roboart import own_descriptions
+
+    found = {_safe_name(name): description for name, description in own_descriptions(data).items()}
+    return [UrdfSource(name, thing, variant, found[thing]) for name, thing, variant in _variants(found, per_thing)]
+
+
+def _variants(things: Iterable[str], per_thing: int) -> list[tuple[str, str, int]]:
+    """The name, the thing and the variant of every sequence."""
+    if per_thing == 1:
+        return [(thing, thing, 0) for thing in things]
+    return [(f"{thing}-{variant}", thing, variant) for thing in things for variant in range(per_thing)]
 
 
 def file_source(path: Path) -> FileSource:

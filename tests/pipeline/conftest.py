@@ -178,8 +178,8 @@ def evaluated(tmp_path: Path, samples: dict[str, Artifact], monkeypatch: pytest.
     robots = EvaluatedRobots(tmp_path / "workdir", samples, load_config(["roboart"]))
 
     def digest(source: RoboartSource) -> str:
-        if source.robot in robots.lacked:
-            raise UnavailableError(f"robot {source.robot!r}: found no URDF, expected one; put one somewhere")
+        if source.thing in robots.lacked:
+            raise UnavailableError(f"robot {source.thing!r}: found no URDF, expected one; put one somewhere")
         return source.name
 
     monkeypatch.setattr(RoboartSource, "digest", digest)

@@ -15,7 +15,6 @@ from jaxtyping import Float64, Int64
 from schemas.config import RoboartConfig
 from schemas.sequence import TrueJoint
 from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
-from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.motion import Positions, draw_base_motion, draw_sweep, draw_unseen, search
 from stages.ingest.roboart.parts import Parts
 from stages.ingest.roboart.penetration import penetration_score
@@ -27,18 +26,6 @@ from stages.ingest.truth import RawTruth
 Frames = list[Float64[np.ndarray, "points 3"]]
 # kind of joint, its limits, settings and randomness to its positions, (frames,)
 Sweep = Callable[[JointKind, Float64[np.ndarray, "2"], RoboartConfig, np.random.Generator], np.ndarray]
-
-
-def build_sequence(
-    name: str, config: RoboartConfig, rng: np.random.Generator, assets: Path | None = None
-) -> tuple[Frames, RawTruth]:
-    """A sequence of the robot `name`, in metres, and its ground truth.
-
-    `assets` is the folder that is searched first for the robot's description. Raises InputError for an
-    unknown name, or where its description is missing or cannot be used.
-    """
-    found = robot_description(name, assets)
-    return build_from_urdf(found.urdf_path, found.mesh_dirs, config, rng)
 
 
 def build_from_urdf(

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path, PurePath
 
-from schemas.errors import UnavailableError
+from schemas.errors import InputError, UnavailableError
+from stages.ingest.listing import visible_files, visible_folders
 from stages.ingest.roboart.catalogue import Package, robot_entry
 from stages.ingest.roboart.clones import CloneError, clone_description
 from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
 
 ASSETS_VARIABLE = "REART_ASSETS"
+FOLDERS_UP = 4  # of a user's URDF that package:// names may start in
 
 
 @dataclass(frozen=True)
@@ -55,18 +57,42 @@ def robot_description(name: str, assets: Path | None = None) -> Description:
     raise UnavailableError(f"robot {name!r}: found no URDF ({because}), expected one; {', or '.join(remedies)}")
 
 
-def robot_digest(name: str, assets: Path | None = None) -> str:
-    """SHA-256 (hex) over the robot's URDF and every mesh file that it references.
+def own_descriptions(path: Path) -> dict[str, Description]:
+    """The descriptions in a user's folder, in natural order: its .urdf files, and those of its sub-folders.
 
-    Raises InputError as `robot_description`, and for a URDF that is not XML or lacks a mesh file.
+    A sub-folder that holds one gives it its name, as in 100129/mobility.urdf; one of several is FOLDER-FILE. `path` may
+    be a URDF file, too. Raises InputError where there is none, or a folder cannot be listed.
     """
-    found = robot_description(name, assets)
+    if path.is_file():
+        return {path.stem: _own(path)}
+    found = {file.stem: file for file in _urdfs(path)}
+    for folder in visible_folders(path):
+        files = _urdfs(folder)
+        found |= {folder.name if len(files) == 1 else f"{folder.name}-{file.stem}": file for file in files}
+    if not found:
+        raise InputError(f"{path}: found no URDF, expected NAME.urdf or NAME/*.urdf there; check the path")
+    return {name: _own(file) for name, file in found.items()}
+
+
+def description_digest(found: Description) -> str:
+    """SHA-256 (hex) over a URDF and every mesh file that it references.
+
+    Raises InputError for a URDF that is not XML or lacks a mesh file.
+    """
     digest = hashlib.sha256(found.urdf_path.read_bytes())
     for reference in mesh_references(found.urdf_path):
         mesh = resolve_mesh(reference, found.urdf_path, found.mesh_dirs).read_bytes()
         digest.update(f"{reference} {len(mesh)} ".encode())
         digest.update(mesh)
     return digest.hexdigest()
+
+
+def _own(urdf_path: Path) -> Description:
+    return Description(urdf_path, tuple(urdf_path.resolve().parents[:FOLDERS_UP]))
+
+
+def _urdfs(folder: Path) -> list[Path]:
+    return [file for file in visible_files(folder) if file.suffix.lower() == ".urdf"]
 
 
 def _in_folder(name: str, assets: Path) -> Description | None:

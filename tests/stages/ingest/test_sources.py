@@ -226,7 +226,7 @@ def test_a_robot_arrives_normalised_in_metres_with_its_truth() -> None:
 
 
 def test_every_second_frame_is_the_sequence_of_those_frames_with_their_truth() -> None:
-    source = RoboartSource("bolt", "bolt")
+    source = RoboartSource("bolt", "bolt", 0)
     config = IngestConfig(source="roboart", units="metre", roboart={"points": 300, "frames": 5})
     whole, half = (
         source.load(config.model_copy(update={"every": every}), np.random.default_rng(0)) for every in (1, 2)
@@ -240,3 +240,36 @@ def test_every_second_frame_is_the_sequence_of_those_frames_with_their_truth() -
     assert [joint.states for joint in half.truth.joints] == [joint.states[::2] for joint in whole.truth.joints]
     with pytest.raises(InputError, match=r"ingest\.every: found 5, which leaves one frame of 5, expected two; .* 4"):
         source.load(config.model_copy(update={"every": 5}), np.random.default_rng(0))
+
+
+LID = """<robot name="box"><link name="box"><visual><geometry><box size="1 1 0.5"/></geometry></visual></link>
+<link name="lid"><visual><geometry><box size="1 1 0.1"/></geometry></visual></link>
+<joint name="hinge" type="revolute"><parent link="box"/><child link="lid"/><origin xyz="0 0 0.4"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="1.5" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_urdf_gives_everything_described_in_a_folder_moving_in_as_many_ways_as_asked(tmp_path: Path) -> None:
+    (tmp_path / "a box").mkdir()
+    (tmp_path / "a box" / "mobility.urdf").write_text(LID)
+    config = IngestConfig(
+        source="urdf", roboart={"frames": 3, "points": 200, "novel_states": 1, "sequences_per_robot": 2}
+    )
+    sources = list_sources(config, tmp_path)
+    assert [source.name for source in sources] == ["a_box-0", "a_box-1"]
+    assert len({source.digest() for source in sources}) == 2
+    first, second = (source.load(config, np.random.default_rng(0)).truth for source in sources)
+    assert first is not None
+    assert second is not None
+    assert first.part_names == ("box", "lid")
+    assert first.joints[0].states != second.joints[0].states
+
+
+def test_urdf_refuses_a_folder_that_is_not_given_or_holds_no_description(tmp_path: Path) -> None:
+    config = IngestConfig(source="urdf")
+    for data, message in (
+        (None, "found 'urdf' without a folder of URDF files"),
+        (tmp_path / "nowhere", "expected URDF files"),
+        (tmp_path, "found no URDF"),
+    ):
+        with pytest.raises(InputError, match=message):
+            list_sources(config, data)

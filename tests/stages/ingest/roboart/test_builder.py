@@ -8,7 +8,7 @@ import yourdfpy
 
 from schemas.config import RoboartConfig
 from schemas.errors import InputError
-from stages.ingest.roboart import build_from_urdf, build_sequence, builder
+from stages.ingest.roboart import build_from_urdf, builder
 from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.urdf import read_urdf
 from stages.kernels.screw import screw_transform
@@ -279,7 +279,7 @@ def test_a_missing_mesh_is_refused_by_name(urdf):
 def test_a_real_robots_frames_lie_on_its_posed_meshes(name, parts, recorded):
     found = robot_description(name)
     path, mesh_dirs = found.urdf_path, found.mesh_dirs
-    frames, truth = build_sequence(name, RoboartConfig(points=60), np.random.default_rng(0))
+    frames, truth = build_from_urdf(path, mesh_dirs, RoboartConfig(points=60), np.random.default_rng(0))
     robot = read_urdf(path)
     names = [joint.name for joint in robot.joints]
     members = links_by_part(robot, [joint.name for joint in truth.joints])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from schemas.errors import InputError, UnavailableError
-from stages.ingest.roboart import descriptions, robot_digest, robot_names
+from stages.ingest.roboart import description_digest, descriptions, own_descriptions, robot_names
 from stages.ingest.roboart.clones import CloneError
 from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
@@ -39,6 +39,10 @@ def assets(tmp_path):
     mesh = '<visual><geometry><mesh filename="meshes/part.stl"/></geometry></visual>'
     (folder / "bolt.urdf").write_text(f'<robot name="bolt"><link name="a">{mesh}</link></robot>')
     return tmp_path / "assets"
+
+
+def robot_digest(name: str, assets: Path | None = None) -> str:
+    return description_digest(robot_description(name, assets))
 
 
 def refusal(name: str, assets: Path | None = None) -> str:
@@ -109,7 +113,8 @@ def test_a_broken_urdf_or_a_missing_mesh_is_wrong_and_not_unavailable(assets):
 
 def test_names_and_digests_need_neither_torch_nor_open3d_nor_a_mesh_loader():
     code = (
-        "import sys; from stages.ingest.roboart import robot_digest; robot_digest('bolt'); "
+        "import sys; from stages.ingest.roboart import description_digest, robot_description; "
+        "description_digest(robot_description('bolt')); "
         "print({'torch', 'open3d', 'trimesh', 'yourdfpy'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -132,3 +137,33 @@ def test_every_mesh_is_listed_once(urdf):
     mesh = urdf.shape('<mesh filename="b.stl"/>')
     path = urdf.write(urdf.link("a", mesh, mesh, urdf.shape('<mesh filename="a.stl"/>', role="collision")))
     assert mesh_references(path) == ["a.stl", "b.stl"]
+
+
+def test_a_users_descriptions_are_named_after_their_folder_or_after_it_and_their_file(tmp_path):
+    for name in (
+        "lamp.urdf",
+        "100129/mobility.urdf",
+        "arms/left.urdf",
+        "arms/right.URDF",
+        "meshes/a.stl",
+        ".old/x.urdf",
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("<robot/>")
+    found = own_descriptions(tmp_path)
+    assert list(found) == ["lamp", "100129", "arms-left", "arms-right"]
+    assert found["100129"].urdf_path == tmp_path / "100129" / "mobility.urdf"
+    assert list(own_descriptions(tmp_path / "lamp.urdf")) == ["lamp"]
+    with pytest.raises(InputError, match=r"meshes: found no URDF, expected NAME\.urdf or NAME/\*\.urdf there"):
+        own_descriptions(tmp_path / "meshes")
+
+
+def test_a_users_mesh_may_be_named_from_the_package_around_its_description(tmp_path):
+    urdf_path = tmp_path / "arm_description" / "urdf" / "arm.urdf"
+    urdf_path.parent.mkdir(parents=True)
+    (tmp_path / "arm_description" / "part.stl").write_bytes(b"solid")
+    urdf_path.write_text(
+        '<robot><link><visual><mesh filename="package://arm_description/part.stl"/></visual></link></robot>'
+    )
+    [found] = own_descriptions(urdf_path).values()
+    assert resolve_mesh(*mesh_references(urdf_path), found.urdf_path, found.mesh_dirs).read_bytes() == b"solid"
