@@ -16,14 +16,19 @@ ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0
 
 
 def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
-    """Parts joined to their parent or only child, smallest first, wherever all points' costs rise by less than
-    `part_price`."""
+    """Parts made one with a neighbour in the tree, smallest first, that the frames do not need.
+
+    A part is needed where without it all points' costs rise by `part_price`, and where frames are left less explained:
+    a few points of a thin place fit wherever points lie dense, but then nothing is where they were.
+    """
     counts = np.bincount(fit.labels, minlength=fit.chain.parts)
     names = list(range(fit.chain.parts))  # parts by their first numbers, as joining renumbers them
-    cost = cost_of(fit, frames)
+    cost, unexplained = cost_of(fit, frames), _unexplained(fit, frames)
     for name in np.argsort(counts, kind="stable").tolist():
         part = names.index(name)
         for into in _neighbours(fit.chain, part):
+            if _rise(fit, frames, part, into) >= ABSURD * part_price:
+                continue
             joined = join(fit, frames, part, into)
             if cost_of(joined, frames) >= cost + ABSURD * part_price:
                 continue
@@ -31,22 +36,26 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
             if cost_of(joined, frames) >= cost + HOPELESS * part_price:
                 continue
             joined = frames.refine(joined, iterations)
-            if (there := cost_of(joined, frames)) < cost + part_price:
-                cost, fit = there, joined
+            cost_joined, unexplained_joined = cost_of(joined, frames), _unexplained(joined, frames)
+            if cost_joined < cost + part_price or unexplained_joined < unexplained:
+                cost, unexplained, fit = cost_joined, unexplained_joined, joined
                 names.remove(name)
                 break
     return fit
 
 
 def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
-    """The fit with `part` made one with its neighbour `into`; what hung on it hangs on that, by refitted joints."""
+    """The fit with `part` made one with `into`, its child or what does not hang on it; what hung on it hangs on that,
+    by refitted joints."""
     chain, Ts = fit.chain, fit.chain.Ts()
     labels = np.where(fit.labels == part, into, fit.labels)
     number = np.cumsum(np.arange(chain.parts) != part) - 1  # parts behind the one that goes move up
     root = into if chain.root == part else chain.root
+    parents = chain.parents()
+    gone = into if parents[into] == part else part  # the child of the joint that goes
     joints: list[Joint] = []
     for joint in map(chain.joint, range(len(chain.child))):
-        if {joint.parent, joint.child} == {part, into}:
+        if joint.child == gone:
             continue
         if part not in (joint.parent, joint.child):
             joints.append(_numbered(joint, number))
@@ -55,7 +64,22 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
         joints.append(_numbered(_refitted(parent, child, labels, frames, Ts), number))
     T_frame_root = Ts[:, root] if chain.free_root else chain.T_frame_root
     whole = replace(chain, root=int(number[root]), T_frame_root=T_frame_root)
-    return Fit(whole.with_joints(joints), number[labels])
+    return Fit(whole.with_joints(_parents_first(joints, whole.root)), number[labels])
+
+
+def _parents_first(joints: list[Joint], root: int) -> list[Joint]:
+    """Every joint after its parent's own, else in the order given."""
+    placed, known = [], {root}
+    while joints:
+        waiting = []
+        for joint in joints:
+            if joint.parent in known:
+                placed.append(joint)
+                known.add(joint.child)
+            else:
+                waiting.append(joint)
+        joints = waiting
+    return placed
 
 
 def _refitted(parent: int, child: int, labels: Int64[np.ndarray, "points"], frames: Frames, Ts: np.ndarray) -> Joint:
@@ -71,10 +95,29 @@ def _numbered(joint: Joint, number: Int64[np.ndarray, "parts"]) -> Joint:
 
 
 def _neighbours(chain: Chain, part: int) -> list[int]:
-    """What a part may be made one with: its parent, and its child where there is only one."""
+    """What a part may be made one with: its parent, its child where there is only one, and what is linked to its parent,
+    as pieces of one rigid part may be seen apart: a frame on both sides of its door."""
     parents = chain.parents()
-    children = np.flatnonzero(parents == part).tolist()
-    return ([int(parents[part])] if parents[part] >= 0 else []) + (children if len(children) == 1 else [])
+    children, parent = np.flatnonzero(parents == part).tolist(), int(parents[part])
+    only = children if len(children) == 1 else []
+    if parent < 0:
+        return only
+    beyond = [int(parents[parent])] if parents[parent] >= 0 else []
+    siblings = np.setdiff1d(np.flatnonzero(parents == parent), [part]).tolist()
+    return [parent, *only, *beyond, *siblings]
+
+
+def _rise(fit: Fit, frames: Frames, part: int, into: int) -> float:
+    """What the points of a part would cost more with another one's motion as it is."""
+    index = np.flatnonzero(fit.labels == part)
+    own, other = (np.full(len(index), number) for number in (part, into))
+    Ts, cost = fit.chain.Ts(), frames.registration.cost
+    return float((cost(index, other, Ts) - cost(index, own, Ts)).sum())
+
+
+def _unexplained(fit: Fit, frames: Frames) -> float:
+    """The costs of all frames' points at the posed model."""
+    return frames.registration.cost_back(fit.labels, fit.chain.Ts())
 
 
 def cost_of(fit: Fit, frames: Frames) -> float:

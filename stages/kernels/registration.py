@@ -64,9 +64,20 @@ class Registration:
         total = np.zeros(len(index))
         for t in self.others:
             _, target, offset, distance = self._matches(t, index, group, Ts)
-            plane = np.einsum("ni,ni->n", self._normals[t][target], offset) / PLANE_NOISE
-            total += np.minimum(plane**2 + 0.5 * distance**2, truncation)
+            total += _match_cost(self._normals[t][target], offset, distance, truncation)
         return total / len(self.others)
+
+    def cost_back(
+        self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], truncation: float = 9.0
+    ) -> float:
+        """How badly the posed model bears out the frames' points: `cost` the other way round, in sum."""
+        total = 0.0
+        for t in self.others:
+            p = move_points(Ts[t, labels], self.p)
+            distance, source = nearest(KDTree(p), self.frames[t])
+            offset = (p[source] - self.frames[t]) / self.noise
+            total += _match_cost(self._normals[t], offset, distance / self.noise, truncation).sum()
+        return float(total / len(self.others))
 
     def refine_groups(
         self,
@@ -241,6 +252,16 @@ def normal_equations(
     torque = np.stack([pulls[:, i, j] - pulls[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
     gradient += POINT_TO_POINT * np.concatenate([torque, pulls[:, 3]], axis=1)
     return hessian, gradient
+
+
+def _match_cost(
+    normal: Float64[np.ndarray, "entries 3"],
+    offset: Float64[np.ndarray, "entries 3"],
+    distance: Float64[np.ndarray, "entries"],
+    truncation: float,
+) -> Float64[np.ndarray, "entries"]:
+    plane = np.einsum("ni,ni->n", normal, offset) / PLANE_NOISE
+    return np.minimum(plane**2 + 0.5 * distance**2, truncation)
 
 
 def _scaled_identity(hessian: Float64[np.ndarray, "groups 6 6"]) -> Float64[np.ndarray, "groups 6 6"]:

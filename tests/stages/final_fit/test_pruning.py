@@ -77,6 +77,49 @@ def test_a_true_part_stays_however_small(hinge_case):
     assert prune(fit, frames, 1e9, ITERATIONS).chain.parts == 1  # but for its price it would have gone
 
 
+def apart(case, onto):
+    """The hinge with half of its body's points as a part of their own, which keeps still though it hangs on the lid, or
+    moves as the lid does though it hangs on the body."""
+    new, own = case.chain.parts, case.chain.joint(0)
+    half = np.isin(np.arange(len(case.labels)), np.flatnonzero(case.labels == 1 - onto)[::2])
+    joint = replace(own, parent=onto, child=new, states=own.states if onto == 0 else -own.states)
+    return Fit(case.chain.with_joints([own, joint]), np.where(half, new, case.labels))
+
+
+@pytest.mark.parametrize("onto", [0, 1])
+def test_pieces_of_one_rigid_part_that_do_not_hang_on_each_other_are_joined(hinge_case, onto):
+    fit = apart(hinge_case, onto)
+    check_tree(fit)
+    pruned = prune(fit, hinge_case.frames, PRICE, ITERATIONS)
+    check_tree(pruned)
+    np.testing.assert_array_equal(pruned.labels, hinge_case.labels)
+    np.testing.assert_allclose(pruned.chain.Ts(), hinge_case.chain.Ts(), atol=0.03)
+
+
+def test_what_hangs_on_a_part_that_joins_its_sibling_comes_after_that(housed):
+    arm = housed.chain.joint(1)
+    first, second = (replace(housed.chain.joint(0), child=child) for child in (1, 3))
+    fit = Fit(housed.chain.with_joints([first, arm, second]), housed.labels)
+    joined = join(fit, housed.frames, 1, 3)
+    check_tree(joined)
+    np.testing.assert_array_equal(joined.chain.parents(), [-1, 2, 0])
+
+
+def test_a_part_that_fits_dense_places_and_leaves_its_own_empty_is_joined(hinge_case):
+    """Points of a corner that the other frames hardly show fit best wherever points lie dense."""
+    registration, corner = hinge_case.frames.registration, end_of(hinge_case, 0, 0.05)
+    p_corner, dense = hinge_case.frames.p[corner].mean(axis=0), hinge_case.frames.p[hinge_case.labels == 0].mean(axis=0)
+    clouds = list(registration.frames)
+    for t in registration.others:
+        near = np.linalg.norm(clouds[t] - p_corner, axis=1) < 0.2
+        clouds[t] = np.concatenate([clouds[t][~near], clouds[t][near][::3]])
+    frames = replace(hinge_case.frames, registration=Registration(clouds, 2))
+    fit = cut(hinge_case, 0, corner)
+    away = replace(fit.chain.joint(1), revolute=False, axis=(dense - p_corner), states=np.array([1.0, 1, 0, 1, 1]))
+    fit = Fit(fit.chain.with_joints([fit.chain.joint(0), away]), fit.labels)
+    np.testing.assert_array_equal(prune(fit, frames, 0.1, ITERATIONS).labels, hinge_case.labels)
+
+
 def test_joining_onto_the_parent_hangs_children_there(housed):
     joined = join(housed.fit, housed.frames, 1, 0)
     check_tree(joined)
