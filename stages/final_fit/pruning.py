@@ -95,8 +95,8 @@ def _numbered(joint: Joint, number: Int64[np.ndarray, "parts"]) -> Joint:
 
 
 def _neighbours(chain: Chain, part: int) -> list[int]:
-    """What a part may be made one with: its parent, its child where there is only one, and what is linked to its parent,
-    as pieces of one rigid part may be seen apart: a frame on both sides of its door."""
+    """What a part may be made one with: its parent, its child where there is only one, and what is linked to its
+    parent, as pieces of one rigid part may be seen apart: a frame on both sides of its door."""
     parents = chain.parents()
     children, parent = np.flatnonzero(parents == part).tolist(), int(parents[part])
     only = children if len(children) == 1 else []
