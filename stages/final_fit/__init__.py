@@ -15,6 +15,7 @@ from stages.final_fit.confidence import joint_confidence
 from stages.final_fit.hidden_links import insert_hidden_links
 from stages.final_fit.joint_types import try_hinges
 from stages.final_fit.labelling import relabel
+from stages.final_fit.parallel_slides import hang_slides
 from stages.final_fit.pruning import cost_of, prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
 from stages.kernels import se3
@@ -52,7 +53,7 @@ def fit_final(
             fit = frames.refine(prune(fit, frames, config.part_price, config.prune_iterations), config.iterations)
         progress(3, STEPS)
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
-    fit = frames.refine(fit, config.last_iterations)
+    fit = frames.refine(hang_slides(fit, frames, config.part_price, config.iterations), config.last_iterations)
     confidence = joint_confidence(fit, frames, config.part_price)
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
     progress(STEPS, STEPS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float64, Int64
 
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits
 from stages.kernels.articulation import Chain, Joint
@@ -61,7 +61,7 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
             joints.append(_numbered(joint, number))
             continue
         parent, child = (into if end == part else end for end in (joint.parent, joint.child))
-        joints.append(_numbered(_refitted(parent, child, labels, frames, Ts), number))
+        joints.append(_numbered(refitted(parent, child, labels, frames, Ts), number))
     T_frame_root = Ts[:, root] if chain.free_root else chain.T_frame_root
     whole = replace(chain, root=int(number[root]), T_frame_root=T_frame_root)
     return Fit(whole.with_joints(_parents_first(joints, whole.root)), number[labels])
@@ -82,7 +82,14 @@ def _parents_first(joints: list[Joint], root: int) -> list[Joint]:
     return placed
 
 
-def _refitted(parent: int, child: int, labels: Int64[np.ndarray, "points"], frames: Frames, Ts: np.ndarray) -> Joint:
+def refitted(
+    parent: int,
+    child: int,
+    labels: Int64[np.ndarray, "points"],
+    frames: Frames,
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> Joint:
+    """The joint that best explains a part's motion against another one's, in closed form."""
     p_child = frames.p[labels == child]
     p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
     fits = joint_fits(Ts, np.array([parent]), np.array([child]), p_child[None])

@@ -13,6 +13,7 @@ from stages.kernels.registration import Registration
 
 CANONICAL = 2
 REACH = 2.0
+FIRST, SECOND = np.array([0.3, 0.2, 0.0, 0.1, 0.4]), np.array([0.1, 0.4, 0.0, 0.3, 0.0])  # what `slides` moves by
 
 
 @dataclass(frozen=True)
@@ -121,3 +122,30 @@ def housed() -> Case:
         )
         clouds.append(np.concatenate([p @ T[:3, :3].T + T[:3, 3] for p, T in zip(parts, Ts, strict=True)]))
     return case(clouds, np.repeat([0, 1, 2], counts), chain)
+
+
+@pytest.fixture(scope="session")
+def slides():
+    """Three boxes of given corners: part 0 keeps still, part 1 slides on it along y, and part 2 on part 1, along an
+    axis at an angle of `turn` to that; against part 0 they move by FIRST and, for no turn, SECOND."""
+
+    def slides_of(corners, turn: float = 0.0) -> Case:
+        chain = Chain(
+            root=0,
+            parent=np.array([0, 1]),
+            child=np.array([1, 2]),
+            revolute=np.array([False, False]),
+            axis=np.array([[0.0, 1.0, 0.0], [0.0, np.cos(turn), np.sin(turn)]]),
+            point=np.zeros((2, 3)),
+            states=np.stack([FIRST, SECOND - FIRST]),
+            T_frame_root=still(5),
+            free_root=False,
+        )
+        counts, clouds = [500, 250, 250], []
+        for t, Ts in enumerate(chain.Ts()):
+            rng = np.random.default_rng(t)
+            boxes = zip(counts, corners, Ts, strict=True)
+            clouds.append(np.concatenate([box(rng, count, *low_high) + T[:3, 3] for count, low_high, T in boxes]))
+        return case(clouds, np.arange(3).repeat(counts), chain)
+
+    return slides_of

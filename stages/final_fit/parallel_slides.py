@@ -1,0 +1,60 @@
+"""Slides on slides: along one axis a part slides on either of two others, so E_1DOF cannot tell which it hangs on.
+
+A drawer slides on the drawer below as it does on their cabinet, and E_spatial is the same where all three touch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Int64
+
+from stages.final_fit.pruning import cost_of, refitted
+from stages.final_fit.working import Fit, Frames
+from stages.kernels.articulation import Chain, Joint
+from stages.kernels.nearest import KDTree, nearest
+
+PARALLEL = np.cos(np.radians(10.0))
+CONTACT = 2.0  # spacings within which sampled surfaces touch
+
+
+def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
+    """What slides on a part that slides along the same axis hung on what that one slides on, where it touches that
+    more, or touches it and moves less against it; a telescope's inner tube does neither.
+
+    Joints are refined; where all points' costs then rise by `part_price`, the axes were not the same.
+    """
+    cost = cost_of(fit, frames)
+    for part in fit.chain.child.tolist():
+        own, below = _slides(fit.chain, part)
+        if below is None:
+            continue
+        hung = refitted(below.parent, part, fit.labels, frames, fit.chain.Ts())
+        touches, touches_below = (_contacts(fit.labels, frames, part, joint.parent) for joint in (own, below))
+        moves_less = hung.states.std() < own.states.std()
+        if touches_below == 0 or (touches_below <= touches and not moves_less):
+            continue
+        joints = [fit.chain.joint(joint) for joint in range(len(fit.chain.child))]
+        chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in joints])
+        trial = frames.refine(replace(fit, chain=chain), iterations)
+        if (there := cost_of(trial, frames)) < cost + part_price:
+            cost, fit = there, trial
+    return fit
+
+
+def _slides(chain: Chain, part: int) -> tuple[Joint, Joint | None]:
+    """A part's joint and its parent's, this one None where not both slide along the same axis."""
+    joints = {joint.child: joint for joint in map(chain.joint, range(len(chain.child)))}
+    own, below = joints[part], joints.get(joints[part].parent)
+    if below is None or own.revolute or below.revolute or abs(float(own.axis @ below.axis)) < PARALLEL:
+        return own, None
+    return own, below
+
+
+def _contacts(labels: Int64[np.ndarray, "points"], frames: Frames, part: int, other: int) -> int:
+    """How many points of a part touch another one."""
+    p_part, p_other = (frames.p[labels == number] for number in (part, other))
+    if len(p_part) == 0 or len(p_other) == 0:
+        return 0
+    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.noise).sum())
