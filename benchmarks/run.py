@@ -197,6 +197,14 @@ def facts() -> str:
     return f"Commit {commit() or '-'}; {where}; {packages}."
 
 
+def keep(name: str, table: Table, words: str) -> None:
+    """Print a table of several runs with `words` and the facts below it, and write it to results/NAME-DATE.md."""
+    text = f"{to_markdown(table)}\n{words} {facts()}\n"
+    path = FOLDER / "results" / f"{name}-{datetime.now(UTC):%Y-%m-%d-%H%M}.md"
+    path.write_text(text)
+    print(f"{text}\nwritten: {path}")
+
+
 def run_table(record: Record) -> Table:
     """What a run was, and how long it took."""
     computer = record.machine

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 
-from run import FOLDER, BenchmarkSet, facts, run
+from run import BenchmarkSet, keep, run
 
-from pipeline.report_tables import Cell, Row, Table, to_markdown
+from pipeline.report_tables import Cell, Row, Table
 from schemas.errors import InputError
 
 POINTS, FRAMES = (4096, 16384, 65536, 250_000), (10, 30, 100)
@@ -57,10 +56,7 @@ def main(words: list[str] | None = None) -> int:
         print(name, *row, flush=True)
         worst = max(worst, code)
     table = Table("Scaling", ("sequence", *COLUMNS), tuple(rows), words=False)
-    text = f"{to_markdown(table)}\n{facts()} One worker, seed 0.\n"
-    path = FOLDER / "results" / f"scaling-{datetime.now(UTC):%Y-%m-%d-%H%M}.md"
-    path.write_text(text)
-    print(f"{text}\nwritten: {path}")
+    keep("scaling", table, "One worker, seed 0.")
     return worst
 
 

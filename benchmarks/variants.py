@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 
-from run import FOLDER, Record, facts, read_set, run
+from run import Record, keep, read_set, run
 
 from pipeline.cli.options import cores
-from pipeline.report_tables import Cell, Row, Table, to_markdown
+from pipeline.report_tables import Cell, Row, Table
 from schemas.errors import InputError
 
 VARIANTS: dict[str, tuple[str, ...]] = {
@@ -73,10 +72,7 @@ def main(words: list[str] | None = None) -> int:
             worst = 1
     if not records:
         return 2
-    text = f"{to_markdown(table(records))}\nSet `{arguments.set}`. {facts()}\n"
-    path = FOLDER / "results" / f"variants-{arguments.set}-{datetime.now(UTC):%Y-%m-%d-%H%M}.md"
-    path.write_text(text)
-    print(f"{text}\nwritten: {path}")
+    keep(f"variants-{arguments.set}", table(records), f"Set `{arguments.set}`.")
     return max(worst, *(record.exit_code for record in records.values()))
 
 

@@ -16,7 +16,7 @@ from stages.final_fit.hidden_links import insert_hidden_links
 from stages.final_fit.joint_types import try_hinges
 from stages.final_fit.labelling import relabel
 from stages.final_fit.parallel_slides import hang_slides
-from stages.final_fit.pruning import cost_of, prune
+from stages.final_fit.pruning import prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
 from stages.kernels import se3
 from stages.progress import Progress, silent
@@ -63,7 +63,7 @@ def fit_final(
 
 def fit_energy(fit: Fit, frames: Frames, part_price: float) -> float:
     """What the fit leaves of the frames, and the price of its parts, per point: lower is better."""
-    return (cost_of(fit, frames) + part_price * fit.chain.parts) / len(fit.labels)
+    return (frames.cost(fit) + part_price * fit.chain.parts) / len(fit.labels)
 
 
 def _settled(fit: Fit, frames: Frames, config: FinalFitConfig, rounds: int, fused_frames: int) -> Fit:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float64, Int64
 
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
+from stages.final_fit.working import CONTACT, JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
 from stages.kernels.articulation import Chain
 from stages.kernels.evidence import motion_cost
 from stages.kernels.nearest import KDTree, nearest
@@ -17,7 +17,6 @@ FREE_STEPS = 3  # registration steps of parts without their joints
 USUAL_PRICE = 30.0  # where parts have no price
 REFITTED = 0.1  # share of the rise by best joints that is left when all is refitted, on robots, about
 SURE = 5.0  # prices from which on a rise is not looked into further
-CONTACT = 2.0  # spacings within which sampled surfaces touch
 CLEARLY_WORSE = 1.0  # spacings by which another parent is worse where a link is 1 - 1/e sure
 
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64
 
-from stages.final_fit.pruning import cost_of
 from stages.final_fit.working import Fit, Frames, contact_of
 from stages.kernels.articulation import Joint
 
@@ -27,7 +26,7 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
         joints = [hinge if other == index else fit.chain.joint(other) for other in range(len(fit.chain.child))]
         trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
         fit = frames.refine(fit, iterations)
-        if cost_of(trial, frames) < cost_of(fit, frames):
+        if frames.cost(trial) < frames.cost(fit):
             fit = trial
     return fit
 

@@ -10,13 +10,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int64
 
-from stages.final_fit.pruning import cost_of, refitted
-from stages.final_fit.working import Fit, Frames
+from stages.final_fit.pruning import refitted
+from stages.final_fit.working import CONTACT, Fit, Frames
 from stages.kernels.articulation import Chain, Joint
 from stages.kernels.nearest import KDTree, nearest
 
 PARALLEL = np.cos(np.radians(10.0))
-CONTACT = 2.0  # spacings within which sampled surfaces touch
 
 
 def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
@@ -25,7 +24,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
 
     Joints are refined; where all points' costs then rise by `part_price`, the axes were not the same.
     """
-    cost = cost_of(fit, frames)
+    cost = frames.cost(fit)
     for part in fit.chain.child.tolist():
         own, below = _slides(fit.chain, part)
         if below is None:
@@ -38,7 +37,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
         joints = [fit.chain.joint(joint) for joint in range(len(fit.chain.child))]
         chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in joints])
         trial = frames.refine(replace(fit, chain=chain), iterations)
-        if (there := cost_of(trial, frames)) < cost + part_price:
+        if (there := frames.cost(trial)) < cost + part_price:
             cost, fit = there, trial
     return fit
 

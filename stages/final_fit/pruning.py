@@ -23,20 +23,20 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
     """
     counts = np.bincount(fit.labels, minlength=fit.chain.parts)
     names = list(range(fit.chain.parts))  # parts by their first numbers, as joining renumbers them
-    cost, unexplained = cost_of(fit, frames), _unexplained(fit, frames)
+    cost, unexplained = frames.cost(fit), frames.unexplained(fit)
     for name in np.argsort(counts, kind="stable").tolist():
         part = names.index(name)
         for into in _neighbours(fit.chain, part):
             if _rise(fit, frames, part, into) >= ABSURD * part_price:
                 continue
             joined = join(fit, frames, part, into)
-            if cost_of(joined, frames) >= cost + ABSURD * part_price:
+            if frames.cost(joined) >= cost + ABSURD * part_price:
                 continue
             joined = frames.refine(joined, FIRST_LOOK)
-            if cost_of(joined, frames) >= cost + HOPELESS * part_price:
+            if frames.cost(joined) >= cost + HOPELESS * part_price:
                 continue
             joined = frames.refine(joined, iterations)
-            cost_joined, unexplained_joined = cost_of(joined, frames), _unexplained(joined, frames)
+            cost_joined, unexplained_joined = frames.cost(joined), frames.unexplained(joined)
             if cost_joined < cost + part_price or unexplained_joined < unexplained:
                 cost, unexplained, fit = cost_joined, unexplained_joined, joined
                 names.remove(name)
@@ -120,13 +120,3 @@ def _rise(fit: Fit, frames: Frames, part: int, into: int) -> float:
     own, other = (np.full(len(index), number) for number in (part, into))
     Ts, cost = fit.chain.Ts(), frames.registration.cost
     return float((cost(index, other, Ts) - cost(index, own, Ts)).sum())
-
-
-def _unexplained(fit: Fit, frames: Frames) -> float:
-    """The costs of all frames' points at the posed model."""
-    return frames.registration.cost_back(fit.labels, fit.chain.Ts())
-
-
-def cost_of(fit: Fit, frames: Frames) -> float:
-    """All points' costs under the fit's motions."""
-    return float(frames.point_costs(fit.labels, fit.chain.Ts()).sum())

@@ -19,6 +19,7 @@ from stages.kernels.screw import fit_screw, nearest_point_to_origin
 from stages.projection import part_samples
 
 JOINT_SAMPLES = 60  # points of a part at which hypotheses of its joint are judged
+CONTACT = 2.0  # spacings within which sampled surfaces touch
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,14 @@ class Frames:
     ) -> Float64[np.ndarray, "points"]:
         """Every point's cost with its part's motion (Registration.cost)."""
         return self.registration.cost(np.arange(len(labels)), labels, Ts)
+
+    def cost(self, fit: Fit) -> float:
+        """All points' costs under the fit's motions."""
+        return float(self.point_costs(fit.labels, fit.chain.Ts()).sum())
+
+    def unexplained(self, fit: Fit) -> float:
+        """The other way round: the costs of all frames' points at the posed model (Registration.cost_back)."""
+        return self.registration.cost_back(fit.labels, fit.chain.Ts())
 
 
 def working_frames(sequence: PointSequence, canonical_frame: int, points: int, reach: float) -> Frames:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from schemas.config import FinalFitConfig
-from stages.final_fit.pruning import cost_of, join, prune
+from stages.final_fit.pruning import join, prune
 from stages.final_fit.working import Fit
 from stages.kernels.registration import Registration
 
@@ -111,7 +111,7 @@ def test_a_part_that_fits_elsewhere_and_leaves_its_own_place_empty_is_joined(hin
     slide = np.array([0.5, 0.5, 0.0, 0.5, 0.5])
     astray = replace(fit.chain.joint(1), revolute=False, axis=np.array([0.0, -1.0, 0.0]), states=slide)
     fit = frames.refine(Fit(fit.chain.with_joints([fit.chain.joint(0), astray]), fit.labels), ITERATIONS)
-    price = 0.5 * (cost_of(join(fit, frames, 2, 0), frames) - cost_of(fit, frames))
+    price = 0.5 * (frames.cost(join(fit, frames, 2, 0)) - frames.cost(fit))
     assert price > 0
     np.testing.assert_array_equal(prune(fit, frames, price, ITERATIONS).labels, hinge_case.labels)
 

@@ -4,6 +4,8 @@ import torch
 
 from stages.kernels import se3
 from stages.kernels.registration import Registration, turn_about, twist_jacobian
+from stages.kernels.rigid_motion import move_points
+from stages.kernels.sampling import normals
 
 ALL = np.arange(400)
 MOVING = np.flatnonzero(np.arange(400) >= 200)
@@ -55,6 +57,24 @@ def test_cost_equals_its_naive_twin(registration, hinge):
         expected.append(min(plane**2 + 0.5 * (distances[near] / registration.noise) ** 2, 9.0))
     cost = registration.cost(np.array([250]), np.array([1]), Ts, 9.0)
     assert cost[0] == pytest.approx(np.mean(expected))
+
+
+def test_cost_back_is_the_cost_of_the_frames_at_the_posed_model(registration, hinge):
+    labels, frames = hinge.canonical_labels, hinge.sequence.frames()
+    Ts = disturbed(true_Ts(hinge), 0.02)
+    posed = move_points(Ts[:, labels], frames[2])
+    expected = 0.0
+    for t in (0, 1, 3, 4):
+        one = Registration(
+            [posed[t], frames[t]], 1
+        )  # its only motion is rest: from the frame's points to the posed ones
+        offsets = frames[t][:, None] - posed[t]
+        nearest = np.linalg.norm(offsets, axis=-1).argmin(axis=1)
+        offset = offsets[np.arange(len(nearest)), nearest] / registration.noise
+        plane = np.einsum("ni,ni->n", normals(frames[t]), offset) / 0.4
+        expected += np.minimum(plane**2 + 0.5 * (offset**2).sum(axis=1), 9.0).sum() / 4
+    assert registration.cost_back(labels, Ts) == pytest.approx(expected)
+    assert registration.cost_back(labels, Ts) > registration.cost_back(labels, true_Ts(hinge))
 
 
 def test_groups_find_their_way_back(registration, hinge):
