@@ -65,9 +65,6 @@ def test_cost_back_is_the_cost_of_the_frames_at_the_posed_model(registration, hi
     posed = move_points(Ts[:, labels], frames[2])
     expected = 0.0
     for t in (0, 1, 3, 4):
-        one = Registration(
-            [posed[t], frames[t]], 1
-        )  # its only motion is rest: from the frame's points to the posed ones
         offsets = frames[t][:, None] - posed[t]
         nearest = np.linalg.norm(offsets, axis=-1).argmin(axis=1)
         offset = offsets[np.arange(len(nearest)), nearest] / registration.noise
