@@ -178,11 +178,12 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
     for source in found:
         other = by_name.setdefault(source.name, source)
         if other is not source:
-            raise InputError(
-                f"{source.frames_path}: found the sequence name {source.name!r} twice, "
-                f"expected one name each; rename this or {other.frames_path}"
-            )
+            raise _same_name(source.frames_path, other.frames_path, source.name)
     return list(found)
+
+
+def _same_name(path: Path, other: Path, name: str) -> InputError:
+    return InputError(f"{path}: found the sequence name {name!r} twice, expected one name each; rename this or {other}")
 
 
 def _roboart_sources(per_robot: int, data: Path | None) -> list[Source]:
@@ -201,7 +202,10 @@ def _roboart_sources(per_robot: int, data: Path | None) -> list[Source]:
 def _urdf_sources(per_thing: int, data: Path) -> list[Source]:
     from stages.ingest.roboart import own_descriptions
 
-    found = {_safe_name(name): description for name, description in own_descriptions(data).items()}
+    found: dict[str, Description] = {}
+    for name, description in own_descriptions(data).items():
+        if (other := found.setdefault(_safe_name(name), description)) is not description:
+            raise _same_name(description.urdf_path, other.urdf_path, _safe_name(name))
     return [UrdfSource(name, thing, variant, found[thing]) for name, thing, variant in _variants(found, per_thing)]
 
 

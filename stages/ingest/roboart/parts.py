@@ -47,7 +47,8 @@ def rigid_parts(
     moving = movable.copy()
     least = min_share * link_area.sum()
     while True:
-        moving &= [joint.mimic is None or moving[joint.mimic.joint] for joint in robot.joints]
+        led = (joint.mimic is None or moving[joint.mimic.joint] for joint in robot.joints)
+        moving &= np.fromiter(led, dtype=bool)
         top = top_links(robot, moving)
         area = np.bincount(top, weights=link_area, minlength=len(robot.links))
         joints = np.flatnonzero(moving)

@@ -264,6 +264,13 @@ def test_urdf_gives_everything_described_in_a_folder_moving_in_as_many_ways_as_a
     assert first.joints[0].states != second.joints[0].states
 
 
+def test_urdf_refuses_two_things_of_one_name(tmp_path: Path) -> None:
+    for name in ("a box.urdf", "a_box.urdf"):
+        (tmp_path / name).write_text(LID)
+    with pytest.raises(InputError, match=r"a_box\.urdf: found the sequence name 'a_box' twice"):
+        list_sources(IngestConfig(source="urdf"), tmp_path)
+
+
 def test_urdf_refuses_a_folder_that_is_not_given_or_holds_no_description(tmp_path: Path) -> None:
     config = IngestConfig(source="urdf")
     for data, message in (
