@@ -34,7 +34,7 @@ def reart(tmp_path, monkeypatch):
         (("fit", "data/box", "--out", "out", "--set", "final_fit.iteration=1"), "final_fit.iterations"),
         (("fit", "data/box", "--out", "out", "--preset", "papre"), "papre"),
         (("fit", "data/box", "--out", "out", "--truth", "nowhere"), "--truth nowhere: found no ground truth"),
-        (("run", "--dataset", "robart"), "roboart-free, sapien, scans"),
+        (("run", "--dataset", "robart"), "roboart-free, urdf, sapien, scans"),
         (("run", *DATA, "--workdir", "file"), "--workdir file"),
         (("rerun", "flow", *DATA, "--sequence", "box", "--set", "flow"), "stage.field=value"),
         (("evaluate", *DATA, "--split", "test"), "no splits"),
