@@ -119,7 +119,7 @@ class MergingTask(CandidateTask):
 
 
 class FinalFitTask(CandidateTask):
-    stage, version, schema = "final_fit", 8, KinematicModel
+    stage, version, schema = "final_fit", 9, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job

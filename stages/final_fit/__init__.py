@@ -35,9 +35,10 @@ def fit_final(
 ) -> KinematicModel:
     """Joints made exact and fitted to the frames; labels, links and joints improved in turn.
 
-    Links that the motion needs are inserted, points relabelled by the joints' motions, and parts that the frames do
-    not need joined with their neighbours. The answer's motions are exactly those of forward kinematics, and each
-    joint's other coordinate is exactly zero. Deterministic; `rng` is not drawn from.
+    Links that the motion needs are inserted, points relabelled by the joints' motions, parts that the frames do not
+    need joined with their neighbours, and slides on slides hung on what they touch. The answer's motions are exactly
+    those of forward kinematics, and each joint's other coordinate is exactly zero. Deterministic; `rng` is not drawn
+    from.
     """
     frames = working_frames(sequence, model.canonical_frame, config.points, config.reach)
     labels = model.labels[frames.index]
@@ -53,7 +54,9 @@ def fit_final(
             fit = frames.refine(prune(fit, frames, config.part_price, config.prune_iterations), config.iterations)
         progress(3, STEPS)
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
-    fit = frames.refine(hang_slides(fit, frames, config.part_price, config.iterations), config.last_iterations)
+        if config.part_price > 0:
+            fit = hang_slides(fit, frames, config.part_price, config.iterations)
+    fit = frames.refine(fit, config.last_iterations)
     confidence = joint_confidence(fit, frames, config.part_price)
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
     progress(STEPS, STEPS)

@@ -15,12 +15,12 @@ from stages.final_fit.working import CONTACT, Fit, Frames
 from stages.kernels.articulation import Chain, Joint
 from stages.kernels.nearest import KDTree, nearest
 
-PARALLEL = np.cos(np.radians(10.0))
+PARALLEL = np.cos(np.radians(10.0))  # axes at a smaller angle may be the same
 
 
 def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
-    """What slides on a part that slides along the same axis hung on what that one slides on, where it touches that
-    more, or touches it and moves less against it; a telescope's inner tube does neither.
+    """Slides on slides along the same axis hung on their grandparent, where they touch it more than their parent, or
+    touch it and move less against it. A telescope's inner tube does neither.
 
     Joints are refined; where all points' costs then rise by `part_price`, the axes were not the same.
     """
@@ -29,10 +29,11 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
         own, below = _slides(fit.chain, part)
         if below is None:
             continue
-        hung = refitted(below.parent, part, fit.labels, frames, fit.chain.Ts())
         touches, touches_below = (_contacts(fit.labels, frames, part, joint.parent) for joint in (own, below))
-        moves_less = hung.states.std() < own.states.std()
-        if touches_below == 0 or (touches_below <= touches and not moves_less):
+        if touches_below == 0:
+            continue
+        hung = refitted(below.parent, part, fit.labels, frames, fit.chain.Ts())
+        if touches_below <= touches and hung.states.std() >= own.states.std():
             continue
         joints = [fit.chain.joint(joint) for joint in range(len(fit.chain.child))]
         chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in joints])

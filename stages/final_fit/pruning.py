@@ -18,12 +18,13 @@ ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0
 def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
     """Parts made one with a neighbour in the tree, smallest first, that the frames do not need.
 
-    A part is needed where without it all points' costs rise by `part_price`, and where frames are left less explained:
-    a few points of a thin place fit wherever points lie dense, but then nothing is where they were.
+    A part is needed only where without it all points' costs rise by `part_price`, and those of the frames at the model
+    rise too: a few points of a thin place fit wherever points lie dense, but then nothing is where they were.
     """
     counts = np.bincount(fit.labels, minlength=fit.chain.parts)
     names = list(range(fit.chain.parts))  # parts by their first numbers, as joining renumbers them
-    cost, unexplained = frames.cost(fit), frames.unexplained(fit)
+    cost = frames.cost(fit)
+    unexplained = frames.unexplained(frames.refine(fit, FIRST_LOOK + iterations))  # refined as long as what is tried
     for name in np.argsort(counts, kind="stable").tolist():
         part = names.index(name)
         for into in _neighbours(fit.chain, part):
@@ -37,7 +38,8 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
                 continue
             joined = frames.refine(joined, iterations)
             cost_joined, unexplained_joined = frames.cost(joined), frames.unexplained(joined)
-            if cost_joined < cost + part_price or unexplained_joined < unexplained:
+            less_unexplained = unexplained_joined < unexplained and cost_joined < cost + HOPELESS * part_price
+            if cost_joined < cost + part_price or less_unexplained:
                 cost, unexplained, fit = cost_joined, unexplained_joined, joined
                 names.remove(name)
                 break
@@ -78,6 +80,8 @@ def _parents_first(joints: list[Joint], root: int) -> list[Joint]:
                 known.add(joint.child)
             else:
                 waiting.append(joint)
+        if len(waiting) == len(joints):
+            raise ValueError("joints that do not hang on the root: a part was joined with one that hangs on it")
         joints = waiting
     return placed
 

@@ -160,7 +160,8 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
     expected = "sequences" if config.source == "files" else "URDF files"
     if data is None:
         raise InputError(
-            f"ingest.source: found {config.source!r} without a folder of {expected}, expected one; give --data FOLDER"
+            f"ingest.source: found {config.source!r} without a folder of {expected}, expected one; "
+            "give --data FOLDER (make: DATA=FOLDER)"
         )
     if not data.exists():
         raise InputError(f"{data}: found neither a file nor a folder there, expected {expected}; check the path")
@@ -203,7 +204,7 @@ def _urdf_sources(per_thing: int, data: Path) -> list[Source]:
     from stages.ingest.roboart import own_descriptions
 
     found: dict[str, Description] = {}
-    for name, description in own_descriptions(data).items():
+    for name, description in own_descriptions(data):
         if (other := found.setdefault(_safe_name(name), description)) is not description:
             raise _same_name(description.urdf_path, other.urdf_path, _safe_name(name))
     return [UrdfSource(name, thing, variant, found[thing]) for name, thing, variant in _variants(found, per_thing)]

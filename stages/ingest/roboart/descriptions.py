@@ -57,33 +57,41 @@ def robot_description(name: str, assets: Path | None = None) -> Description:
     raise UnavailableError(f"robot {name!r}: found no URDF ({because}), expected one; {', or '.join(remedies)}")
 
 
-def own_descriptions(path: Path) -> dict[str, Description]:
-    """The descriptions in a user's folder, in natural order: its .urdf files, and those of its sub-folders.
+def own_descriptions(path: Path) -> list[tuple[str, Description]]:
+    """The descriptions in a user's folder by name: its .urdf files, and those one level down, each in natural order.
 
     A sub-folder that holds one gives it its name, as in 100129/mobility.urdf; one of several is FOLDER-FILE. `path` may
     be a URDF file, too. Raises InputError where there is none, or a folder cannot be listed.
     """
     if path.is_file():
-        return {path.stem: _own(path)}
-    found = {file.stem: file for file in _urdfs(path)}
+        return [(path.stem, _own(path))]
+    found = [(file.stem, _own(file)) for file in _urdfs(path)]
     for folder in visible_folders(path):
         files = _urdfs(folder)
-        found |= {folder.name if len(files) == 1 else f"{folder.name}-{file.stem}": file for file in files}
+        found += [(folder.name if len(files) == 1 else f"{folder.name}-{file.stem}", _own(file)) for file in files]
     if not found:
-        raise InputError(f"{path}: found no URDF, expected NAME.urdf or NAME/*.urdf there; check the path")
-    return {name: _own(file) for name, file in found.items()}
+        raise InputError(
+            f"{path}: found no URDF, expected NAME.urdf or NAME/*.urdf there (no deeper, and no .xacro); check the path"
+        )
+    return found
 
 
 def description_digest(found: Description) -> str:
     """SHA-256 (hex) over a URDF and every mesh file that it references.
 
-    Raises InputError for a URDF that is not XML or lacks a mesh file.
+    Raises InputError for a URDF that is not XML, or lacks a mesh file, or where one of them cannot be read.
     """
-    digest = hashlib.sha256(found.urdf_path.read_bytes())
-    for reference in mesh_references(found.urdf_path):
-        mesh = resolve_mesh(reference, found.urdf_path, found.mesh_dirs).read_bytes()
-        digest.update(f"{reference} {len(mesh)} ".encode())
-        digest.update(mesh)
+    references = mesh_references(found.urdf_path)
+    try:
+        digest = hashlib.sha256(found.urdf_path.read_bytes())
+        for reference in references:
+            mesh = resolve_mesh(reference, found.urdf_path, found.mesh_dirs).read_bytes()
+            digest.update(f"{reference} {len(mesh)} ".encode())
+            digest.update(mesh)
+    except OSError as error:
+        raise InputError(
+            f"{error.filename}: cannot be read ({error.strerror}); check its name and permissions"
+        ) from error
     return digest.hexdigest()
 
 

@@ -13,7 +13,7 @@ def read_xml(urdf_path: Path) -> ElementTree.Element:
     """The root element of a URDF. Raises InputError where it is missing or not well-formed."""
     try:
         return ElementTree.parse(urdf_path).getroot()
-    except (OSError, ElementTree.ParseError) as error:
+    except (OSError, ValueError, LookupError, ElementTree.ParseError) as error:  # an encoding may be unknown
         raise InputError(f"{urdf_path}: cannot be read as XML ({error}), expected a URDF file; replace it") from error
 
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,3 +34,9 @@ def test_it_does_so_where_it_touches_that_one_more_but_moves_less_against_the_ca
 def test_a_telescope_and_slides_along_other_axes_stay(slides, corners, turn):
     thing = slides(corners, turn)
     assert hang_slides(thing.fit, thing.frames, PRICE, ITERATIONS) is thing.fit
+
+
+def test_a_part_without_points_stays_where_it_is(slides):
+    cabinet = slides((CABINET, ABOVE, BELOW))
+    unseen = replace(cabinet.fit, labels=np.minimum(cabinet.labels, 1))
+    assert hang_slides(unseen, cabinet.frames, PRICE, ITERATIONS) is unseen

@@ -105,6 +105,11 @@ def test_what_hangs_on_a_part_that_joins_its_sibling_comes_after_that(housed):
     np.testing.assert_array_equal(joined.chain.parents(), [-1, 2, 0])
 
 
+def test_a_part_cannot_be_joined_with_one_that_hangs_below_its_children(housed):
+    with pytest.raises(ValueError, match="do not hang on the root"):
+        join(cut(housed, 2, end_of(housed, 2)), housed.frames, 1, 3)
+
+
 def test_a_part_that_fits_elsewhere_and_leaves_its_own_place_empty_is_joined(hinge_case):
     """Points of the body's edge slide onto other points, which they fit by chance."""
     fit, frames = cut(hinge_case, 0, end_of(hinge_case, 0, 0.05)), hinge_case.frames

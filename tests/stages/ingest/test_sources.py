@@ -269,6 +269,11 @@ def test_urdf_refuses_two_things_of_one_name(tmp_path: Path) -> None:
         (tmp_path / name).write_text(LID)
     with pytest.raises(InputError, match=r"a_box\.urdf: found the sequence name 'a_box' twice"):
         list_sources(IngestConfig(source="urdf"), tmp_path)
+    (tmp_path / "a box.urdf").unlink()
+    (tmp_path / "a_box").mkdir()
+    (tmp_path / "a_box" / "a_box.urdf").write_text(LID)
+    with pytest.raises(InputError, match=r"found the sequence name 'a_box' twice"):
+        list_sources(IngestConfig(source="urdf"), tmp_path)
 
 
 def test_urdf_refuses_a_folder_that_is_not_given_or_holds_no_description(tmp_path: Path) -> None:

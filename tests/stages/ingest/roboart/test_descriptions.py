@@ -150,10 +150,10 @@ def test_a_users_descriptions_are_named_after_their_folder_or_after_it_and_their
     ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("<robot/>")
-    found = own_descriptions(tmp_path)
+    found = dict(own_descriptions(tmp_path))
     assert list(found) == ["lamp", "100129", "arms-left", "arms-right"]
     assert found["100129"].urdf_path == tmp_path / "100129" / "mobility.urdf"
-    assert list(own_descriptions(tmp_path / "lamp.urdf")) == ["lamp"]
+    assert [name for name, _ in own_descriptions(tmp_path / "lamp.urdf")] == ["lamp"]
     with pytest.raises(InputError, match=r"meshes: found no URDF, expected NAME\.urdf or NAME/\*\.urdf there"):
         own_descriptions(tmp_path / "meshes")
 
@@ -165,5 +165,23 @@ def test_a_users_mesh_may_be_named_from_the_package_around_its_description(tmp_p
     urdf_path.write_text(
         '<robot><link><visual><mesh filename="package://arm_description/part.stl"/></visual></link></robot>'
     )
-    [found] = own_descriptions(urdf_path).values()
+    [(_, found)] = own_descriptions(urdf_path)
     assert resolve_mesh(*mesh_references(urdf_path), found.urdf_path, found.mesh_dirs).read_bytes() == b"solid"
+
+
+@pytest.mark.parametrize(
+    "text", ['<?xml version="1.0" encoding="gb2312"?><robot/>', '<?xml version="1.0" encoding="x-none"?><robot/>']
+)
+def test_a_urdf_in_an_encoding_that_is_not_known_is_refused_by_name(tmp_path, text):
+    (tmp_path / "odd.urdf").write_text(text)
+    [(_, found)] = own_descriptions(tmp_path)
+    with pytest.raises(InputError, match=r"odd\.urdf: cannot be read as XML"):
+        description_digest(found)
+
+
+def test_a_mesh_name_that_no_file_can_have_is_refused(tmp_path):
+    mesh = f'<mesh filename="{"x" * 300}.stl"/>'
+    (tmp_path / "odd.urdf").write_text(f"<robot><link><visual><geometry>{mesh}</geometry></visual></link></robot>")
+    [(_, found)] = own_descriptions(tmp_path)
+    with pytest.raises(InputError, match=r"x\.stl"):
+        description_digest(found)
