@@ -126,7 +126,7 @@ def _rms(fit: ScrewFit) -> float:
 
 def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
     """The chain with a further part within one of its joints; the new part is numbered behind the others."""
-    joints = [chain.joint(other) for other in range(len(chain.child))]
+    joints = chain.joints()
     first, second = (Joint(0, 0, True, pair.axis[k], pair.point[k], pair.states[k]) for k in (0, 1))
     link, whole = chain.parts, joints[joint]
     joints[joint : joint + 1] = [
@@ -150,6 +150,6 @@ def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Fr
     joint = Joint(
         base, chain.root, True, turn.axis.numpy(), turn.point.numpy(), states - states[frames.canonical_frame]
     )
-    joints = [joint, *(chain.joint(j) for j in range(len(chain.child)))]
+    joints = [joint, *chain.joints()]
     still = np.tile(np.eye(4), (len(chain.T_frame_root), 1, 1))
     return replace(chain.with_joints(joints), root=base, T_frame_root=still, free_root=False)

@@ -23,7 +23,8 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
         if len(p_parent) == 0 or len(p_child) == 0:
             continue
         hinge = hinge_at(contact_of(p_parent, p_child), p_child.mean(axis=0), joint)
-        joints = [hinge if other == index else fit.chain.joint(other) for other in range(len(fit.chain.child))]
+        joints = fit.chain.joints()
+        joints[index] = hinge
         trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
         fit = frames.refine(fit, iterations)
         if frames.cost(trial) < frames.cost(fit):

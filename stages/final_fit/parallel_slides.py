@@ -35,8 +35,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
         hung = refitted(below.parent, part, fit.labels, frames, fit.chain.Ts())
         if touches_below <= touches and hung.states.std() >= own.states.std():
             continue
-        joints = [fit.chain.joint(joint) for joint in range(len(fit.chain.child))]
-        chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in joints])
+        chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in fit.chain.joints()])
         trial = frames.refine(replace(fit, chain=chain), iterations)
         if (there := frames.cost(trial)) < cost + part_price:
             cost, fit = there, trial
@@ -45,7 +44,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
 
 def _slides(chain: Chain, part: int) -> tuple[Joint, Joint | None]:
     """A part's joint and its parent's, this one None where not both slide along the same axis."""
-    joints = {joint.child: joint for joint in map(chain.joint, range(len(chain.child)))}
+    joints = {joint.child: joint for joint in chain.joints()}
     own, below = joints[part], joints.get(joints[part].parent)
     if below is None or own.revolute or below.revolute or abs(float(own.axis @ below.axis)) < PARALLEL:
         return own, None

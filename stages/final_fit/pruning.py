@@ -27,8 +27,9 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
     unexplained = frames.unexplained(frames.refine(fit, FIRST_LOOK + iterations))  # refined as long as what is tried
     for name in np.argsort(counts, kind="stable").tolist():
         part = names.index(name)
-        for into in _neighbours(fit.chain, part):
-            if _rise(fit, frames, part, into) >= ABSURD * part_price:
+        neighbours = _neighbours(fit.chain, part)
+        for into, rise in zip(neighbours, _rises(fit, frames, part, neighbours), strict=True):
+            if rise >= ABSURD * part_price:
                 continue
             joined = join(fit, frames, part, into)
             if frames.cost(joined) >= cost + ABSURD * part_price:
@@ -56,7 +57,7 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
     parents = chain.parents()
     gone = into if parents[into] == part else part  # the child of the joint that goes
     joints: list[Joint] = []
-    for joint in map(chain.joint, range(len(chain.child))):
+    for joint in chain.joints():
         if joint.child == gone:
             continue
         if part not in (joint.parent, joint.child):
@@ -118,9 +119,8 @@ def _neighbours(chain: Chain, part: int) -> list[int]:
     return [parent, *only, *beyond, *siblings]
 
 
-def _rise(fit: Fit, frames: Frames, part: int, into: int) -> float:
-    """What the points of a part would cost more with another one's motion as it is."""
-    index = np.flatnonzero(fit.labels == part)
-    own, other = (np.full(len(index), number) for number in (part, into))
-    Ts, cost = fit.chain.Ts(), frames.registration.cost
-    return float((cost(index, other, Ts) - cost(index, own, Ts)).sum())
+def _rises(fit: Fit, frames: Frames, part: int, others: list[int]) -> list[float]:
+    """What the points of a part would cost more with the motion of each of some others as it is."""
+    index, Ts = np.flatnonzero(fit.labels == part), fit.chain.Ts()
+    own, *rest = (frames.registration.cost(index, np.full(len(index), number), Ts) for number in (part, *others))
+    return [float((cost - own).sum()) for cost in rest]

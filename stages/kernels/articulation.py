@@ -85,6 +85,10 @@ class Chain:
             self.states[index],
         )
 
+    def joints(self) -> list[Joint]:
+        """All joints, in their order."""
+        return [self.joint(index) for index in range(len(self.child))]
+
     def with_joints(self, joints: Sequence[Joint]) -> Chain:
         """The same root with other joints, parents' own first."""
         return replace(

@@ -19,7 +19,7 @@ def confidence(case, fit=None):
 
 
 def with_joint(case, index, **changes):
-    joints = [case.chain.joint(j) for j in range(len(case.chain.child))]
+    joints = case.chain.joints()
     joints[index] = replace(joints[index], **changes)
     return Fit(case.chain.with_joints(joints), case.labels)
 

@@ -27,7 +27,7 @@ def cut(case, part, chosen, before=False):
     """The same thing with `chosen` points of a part cut off as the last part, linked to it by a joint that rests; or,
     where `before`, put between the part and its parent."""
     chain, new = case.chain, case.chain.parts
-    joints = [chain.joint(j) for j in range(len(chain.child))]
+    joints = chain.joints()
     own = next((j for j in joints if j.child == part), joints[0])
     rest = replace(own, parent=new if before else part, child=part if before else new, states=0 * own.states)
     if before:

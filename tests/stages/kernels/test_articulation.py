@@ -132,7 +132,7 @@ def test_the_unit_of_length_does_not_matter():
 
 def test_joints_taken_apart_and_put_together_make_the_same_chain():
     chain = chain_of("nested")
-    again = chain.with_joints([chain.joint(j) for j in range(len(chain.child))])
+    again = chain.with_joints(chain.joints())
     np.testing.assert_array_equal(again.Ts(), chain.Ts())
     assert chain.with_joints([]).Ts().shape == (FRAMES, 1, 4, 4)
     np.testing.assert_array_equal(chain.parents(), [-1, 0, 1, 1, 3])
