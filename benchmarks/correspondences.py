@@ -35,7 +35,7 @@ from schemas.errors import InputError
 from stages.flow import ESTIMATORS, Estimator, PairFlow
 from stages.flow.trajectories import interpolate
 from stages.ingest.roboart import build_from_urdf
-from stages.ingest.roboart.descriptions import Description, robot_description
+from stages.ingest.roboart.descriptions import Description, own_descriptions, robot_description
 from stages.ingest.roboart.urdf import JointKind
 from stages.ingest.truth import RawTruth
 from stages.kernels.nearest import KDTree
@@ -217,10 +217,11 @@ def chosen_sequences(arguments: argparse.Namespace) -> dict[str, Description]:
     """The descriptions of the robots and objects that are asked for. Raises InputError where one is missing."""
     found = {name: robot_description(name, arguments.assets) for name in _names(arguments.robots)}
     if arguments.objects is not None:
-        wanted = _names(arguments.only) or sorted(path.parent.name for path in arguments.objects.glob("*/*.urdf"))
-        for name in wanted:
-            urdf_path = arguments.objects / name / f"{name}.urdf"
-            found[name] = Description(urdf_path, (urdf_path.parent, arguments.objects))
+        own = dict(own_descriptions(arguments.objects))
+        wanted = _names(arguments.only) or list(own)
+        if missing := set(wanted) - set(own):
+            raise InputError(f"--only: found {', '.join(sorted(missing))}, expected names of {arguments.objects}")
+        found |= {name: own[name] for name in wanted}
     if not found:
         raise InputError("no sequences: give --robots A,B or --objects FOLDER")
     return found
