@@ -125,7 +125,7 @@ def name_failures(outcome: launch.Outcome) -> None:
     """Say on standard error what went wrong, and where the logs are."""
     for failure in outcome.failures.values():
         log = outcome.log_of(failure)
-        where = f" (log: {log})" if log else ""
+        where = f" (log: {log})" if log and log.is_file() else ""
         print(f"error: {failure.sequence} {failure.task}: {failure.message}{where}", file=sys.stderr)
     if outcome.died:
         print(f"error: {outcome.died}; what was complete is kept: give the same command again", file=sys.stderr)
