@@ -22,7 +22,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises OSError, and then leaves nothing behind.
     """
     _sweep(path.parent)
-    with _partial(path.parent) as (partial, file):
+    with naming_file(path), _partial(path.parent) as (partial, file):
         file.write(content)
         file.flush()
         os.replace(partial, path)
@@ -34,6 +34,17 @@ def open_fresh(path: Path) -> IO[str]:
         path.unlink(missing_ok=True)
         with contextlib.suppress(FileExistsError):  # another one was faster
             return open(os.open(path, _FRESH, 0o666), "w", buffering=1, encoding="utf-8", errors="backslashreplace")
+
+
+@contextlib.contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Put the file's name into an OSError that lacks it, as one of writing does."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno is not None:
+            error.filename = str(path)
+        raise
 
 
 @contextlib.contextmanager

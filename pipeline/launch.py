@@ -38,7 +38,7 @@ class Outcome:
             self.planned[event.sequence, event.task] = Place(event.sequence, event.task, directory)
             self.origins[event.sequence] = event.origin
         elif event.kind == "failed":
-            self.failures[event.sequence, event.task] = event
+            self.failures.setdefault((event.sequence, event.task), event)  # the cause; what follows from it comes later
         elif event.kind == "warning" and not event.artifact:
             self.unavailable[event.sequence] = event.message
         elif event.kind == "refused":

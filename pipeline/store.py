@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from pipeline.arrays import AnyArtifact, arrays_of, assemble, pack, payload_of, read_array
+from pipeline.files import naming_file
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
 from schemas.manifest import ArrayEntry, Manifest, Provenance
@@ -97,7 +98,7 @@ def publish(
     """
     packed, entries = pack(arrays_of(artifact))
     contents = {f"{ARRAYS}/{name}": content for name, content in packed.items()} | dict(files or {})
-    with _staging(directory) as staged:
+    with naming_file(directory), _staging(directory) as staged:
         for name, bytes_ in contents.items():
             (staged / name).parent.mkdir(parents=True, exist_ok=True)
             (staged / name).write_bytes(bytes_)

@@ -27,6 +27,7 @@ from pipeline.failures import one_line
 from pipeline.store import ArtifactError
 from schemas.errors import InputError
 
+OF_A_FILE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 KEPT = "what was complete is kept, and the same command goes on from there"
 
 
@@ -58,6 +59,8 @@ def _as_exit_codes() -> Iterator[None]:
     except OSError as error:
         if error.errno == errno.EPIPE:
             sys.exit(1)  # whoever read has left
+        if error.filename is None and error.errno in OF_A_FILE:
+            error.filename = "standard output"  # every other file is named where it is written
         _end(one_line(error), 2 if error.errno == errno.ENAMETOOLONG else 1)
     except MemoryError as error:
         _end(one_line(error), 1)

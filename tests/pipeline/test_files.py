@@ -67,7 +67,8 @@ def test_what_a_killed_writer_left_goes_and_what_a_living_one_writes_stays(tmp_p
 
     monkeypatch.setattr(os, "replace", meanwhile)
     write_atomically(tmp_path / "a", b"new")
-    assert [name for name in seen if name.endswith(PARTIAL)][0] != f".killed{PARTIAL}"
+    assert seen[0].endswith(PARTIAL)
+    assert seen[0] != f".killed{PARTIAL}"
     assert names(tmp_path) == ["a", "other"]
 
 

@@ -41,3 +41,18 @@ def test_a_broken_failure_record_or_manifest_is_told_not_raised(tiny):
     (first.directory / "manifest.json").unlink()
     first.place.failure.write_text("{")
     assert "cannot be read" in task_status(first.place).message
+
+
+def test_an_artifact_that_cannot_be_looked_into_is_told_not_raised(tiny):
+    first, *_ = tiny.tasks(tiny.job())
+    first.directory.parent.mkdir(parents=True)
+    first.directory.symlink_to(first.directory.name)
+    assert task_status(first.place).state == "unreadable"
+
+
+def test_a_changed_or_missing_file_is_told_where_every_file_is_read(tiny):
+    first, middle, *_ = tiny.finish(tiny.job())
+    (first.directory / "arrays.zarr" / "values" / "c" / "0").write_bytes(b"changed")
+    (middle.directory / "arrays.zarr" / "values" / "c" / "0").unlink()
+    assert [task_status(task.place).state for task in (first, middle)] == ["done", "done"]
+    assert [task_status(task.place, check=True).state for task in (first, middle)] == ["corrupt", "corrupt"]

@@ -1,3 +1,5 @@
+import errno
+
 import numpy as np
 import pytest
 
@@ -136,3 +138,29 @@ def test_upstream_first_names_each_task_once_after_what_it_needs(tiny):
     assert sorted(task.label for task in ordered) == ["final_fit", "ingest", "merging[0]", "merging[1]"]
     for task in ordered:
         assert all(ordered.index(needed) < ordered.index(task) for needed in task.requires().values())
+
+
+@pytest.mark.parametrize("obstacle", ["log", "failure", "folder"])
+def test_whatever_stands_in_the_way_of_a_task_is_told(tiny, obstacle):
+    first, *_ = tiny.tasks(tiny.job())
+    if obstacle == "folder":
+        tiny.workdir.joinpath("scans").mkdir(parents=True)
+        first.job.folder.write_text("a file")
+    else:
+        getattr(first.place, obstacle).mkdir(parents=True)
+    with pytest.raises(OSError, match=str(first.job.folder)):
+        first.run()
+    assert kinds(tiny)[-1] == ("failed", "ingest")
+    assert str(first.job.folder) in tiny.events[-1].message
+    assert not tiny.events[-1].bad_input
+
+
+def test_a_full_disk_is_the_reason_that_is_told(tiny, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "somewhere")
+
+    monkeypatch.setattr(store, "pack", full)
+    first, *_ = tiny.tasks(tiny.job())
+    with pytest.raises(OSError, match="somewhere"):
+        first.run()
+    assert tiny.events[-1].message.startswith("somewhere: No space left on device; free some space")
