@@ -19,6 +19,7 @@ from schemas.pose import Pose, State
 from stages.ingest.point_formats import one_line
 from stages.ingest.readers import load_npz
 from stages.kernels.colours import distinct_colours
+from stages.kernels.precision import float32_holds
 
 TARGET_COLUMNS = ("source_x", "source_y", "source_z", "target_x", "target_y", "target_z")
 STATE_COLUMNS = ("name", "value")
@@ -201,7 +202,8 @@ def _text(path: Path) -> str:
 
 def _ply(p: Points, labels: Int64[np.ndarray, "points"]) -> bytes:
     """Binary PLY with each point's part, and that part's colour."""
-    fields = [(axis, "<f4", "float") for axis in "xyz"]
+    kind = ("<f4", "float") if float32_holds(p) else ("<f8", "double")
+    fields = [(axis, *kind) for axis in "xyz"]
     fields += [(colour, "u1", "uchar") for colour in ("red", "green", "blue")]
     fields += [("part", "<i4", "int")]
     records = np.zeros(len(p), dtype=[(name, dtype) for name, dtype, _ in fields])

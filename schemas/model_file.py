@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
 from schemas.artifact import Artifact, Schema, Unit
+from schemas.seal import sha256
 from schemas.sequence import JointType, LengthUnit
+
+if TYPE_CHECKING:
+    from jaxtyping import Float as Float32or64
+else:
+
+    class Float32or64(AbstractDtype):
+        """Real numbers of one of two precisions."""
+
+        dtypes = ("float32", "float64")
+
 
 Vector = tuple[float, float, float]
 
@@ -70,10 +80,16 @@ class ModelJoint(Schema):
 
 
 class ModelFile(Schema):
-    """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical."""
+    """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
+
+    In version 2 canonical_points are 64-bit floats, since 32-bit ones would lose digits that tell the points apart.
+    The digests are missing in files of an earlier release; one that is edited by hand must lose its own.
+    """
 
     format: Literal["rearticulate/model"] = "rearticulate/model"
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 1
+    json_sha256: str | None = Field(default=None, description="of this very file, with zeros in the digest's place")
+    npz_sha256: str | None = Field(default=None, description="of model.npz")
     units: LengthUnit
     frames: int = Field(gt=0)
     canonical_frame: int = Field(ge=0)
@@ -84,7 +100,7 @@ class ModelFile(Schema):
     @property
     def digest(self) -> str:
         """What tells this model from others: of all that model.json says."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        return sha256(self.model_dump_json(exclude={"json_sha256", "npz_sha256"}).encode())[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
         """The joints, each after its parent part's own."""
@@ -129,6 +145,6 @@ class Result(Artifact):
     """The artifact of the last stage: what model.json and model.npz hold, in the input's units."""
 
     model: ModelFile
-    canonical_points: Annotated[Float32[np.ndarray, "points 3"], Unit("input")]
+    canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]
     labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
     T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input")]

@@ -206,4 +206,4 @@ def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:
 
 
 def _words(p: Float64[np.ndarray, "3"]) -> str:
-    return "(" + ", ".join(f"{value:.6g}" for value in p) + ")"
+    return "(" + ", ".join(f"{value:.10g}" for value in p) + ")"

@@ -26,6 +26,7 @@ from pipeline.cli.options import (
 from pipeline.cli.tables import screen_table
 from pipeline.launch import Outcome
 from pipeline.protocol import Request
+from pipeline.remarks import remarks
 from pipeline.report_tables import brief_tables
 from schemas.scores import MissingScore, Scores
 
@@ -49,7 +50,7 @@ def run(
 
     - `reart run --dataset roboart --sequences bolt,ur5`
 
-    - `reart run --dataset scans --data my_scans --set final_fit.iterations=500`
+    - `reart run --dataset scans --data my_scans --set final_fit.part_price=20`
     """
     request = Request(
         dataset=dataset,
@@ -69,6 +70,8 @@ def finish(request: Request, write: bool = False) -> None:
     if outcome.planned:
         scores = evaluation_of(request, outcome)
         show(scores, console)
+        for sequence, line in remarks(outcome):
+            console.print(f"{sequence}: {line}", soft_wrap=True, markup=False)
         if write:
             from pipeline.evaluation_files import default_folder, write_evaluation
 
