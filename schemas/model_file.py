@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -123,10 +124,10 @@ class ModelFile(Schema):
         if [part.id for part in self.parts] != parts:
             yield f"parts: found ids {[part.id for part in self.parts]}, expected {parts}"
         for kind, names in (("parts", [p.name for p in self.parts]), ("joints", [j.name for j in self.joints])):
-            if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
-                yield f"{kind}: found the name {twice[0]!r} twice or empty, expected one for each"
+            if twice := sorted(name for name, count in Counter(names).items() if count > 1 or not name):
+                yield f"{kind}: found the name {twice[0][:80]!r} twice or empty, expected one for each"
             if strange := [name for name in names if not name.isprintable()]:
-                yield f"{kind}: found the name {strange[0]!r}, expected printable characters only"
+                yield f"{kind}: found the name {strange[0][:80]!r}, expected printable characters only"
         children = [joint.child for joint in self.joints]
         if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
             yield (

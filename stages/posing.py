@@ -47,7 +47,7 @@ def pose_by_states(
     for name, state in states.items():
         if name not in joints:
             raise InputError(
-                f"found the joint {name!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
+                f"found the joint {name[:80]!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
             )
         _check_state(joints[name], state, limits)
     space = Normalisation.of(result.canonical_points)
