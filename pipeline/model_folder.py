@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from schemas.model_file import GREATEST, ModelFile, Result
 from schemas.seal import intact, sha256
 from schemas.sequence import IngestedSequence
 
+_log = logging.getLogger("rearticulate.model_folder")
+
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 
 
@@ -29,8 +32,11 @@ def read_model_folder(folder: Path) -> Result:
     for path in (json_path, npz_path):
         if not path.is_file():
             raise InputError(f"{path}: not found, expected a folder with model.json and model.npz; check the path")
-    _check_artifact(folder)
-    model = _read_model(json_path, sha256(npz_path.read_bytes()))
+    try:
+        _check_artifact(folder)
+        model = _read_model(json_path, sha256(npz_path.read_bytes()))
+    except OSError as error:
+        raise InputError(f"{error.filename or folder}: cannot be read ({error.strerror}); mend that first") from error
     from stages.ingest.readers import load_npz  # the command line loads stages only where it needs them
 
     arrays = load_npz(npz_path)
@@ -126,14 +132,22 @@ def ingested_of_model(folder: Path, result: Result) -> IngestedSequence | None:
     """
     model = (folder / "model.json").read_bytes()
     for place in (folder, *sorted(folder.glob("workdir/*/*/result-*/"))):
-        with contextlib.suppress(store.CorruptArtifactError, OSError, KeyError):
-            if (place / "model.json").read_bytes() != model:
-                continue
-            key = store.read_manifest(place.resolve()).upstream["ingest"]
-            ingested = store.read(place.resolve().with_name(f"ingest-{key}"), IngestedSequence)
-            if ingested.sequence.frame_count == result.model.frames:
-                return ingested
+        with contextlib.suppress(OSError, KeyError):
+            if (place / "model.json").read_bytes() == model and store.completed_at(place) is not None:
+                ingested = _ingested(place.resolve())
+                if ingested is not None and ingested.sequence.frame_count == result.model.frames:
+                    return ingested
     return None
+
+
+def _ingested(result: Path) -> IngestedSequence | None:
+    """What a result was made of; None where that is gone, or damaged, which is said."""
+    try:
+        ingest = result.with_name(f"ingest-{store.read_manifest(result).upstream['ingest']}")
+        return None if store.completed_at(ingest) is None else store.read(ingest, IngestedSequence)
+    except store.CorruptArtifactError as error:
+        _log.warning("warning: %s", error)
+        return None
 
 
 def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:

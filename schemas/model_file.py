@@ -47,7 +47,8 @@ class JointConfidence(Schema):
 class ModelJoint(Schema):
     """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates.
 
-    A spherical joint turns about `point` by its states, rotation vectors; `lower` and `upper` are of their lengths.
+    `point` is that of the axis next to where the joint's parts touch, as far as the fit knows.
+    A spherical joint turns about it by its states, rotation vectors; `lower` and `upper` are of their lengths.
     """
 
     id: int

@@ -69,6 +69,23 @@ def test_frames_of_another_model_or_lost_ones_are_not_taken(folder):
     assert frames_of_model(folder / "workdir" / "scans" / "box" / "result-r1", result) is None
 
 
+def test_a_damaged_sequence_is_not_taken_and_named(folder, caplog):
+    [array] = (folder / "workdir" / "scans" / "box" / "ingest-i1").glob("arrays.zarr/sequence/points/c/*/*")
+    array.write_bytes(b"x")
+    assert frames_of_model(folder, read_model_folder(folder)) is None
+    [said] = caplog.messages
+    assert "ingest-i1: arrays.zarr/sequence/points/" in said
+
+
+def test_a_model_that_may_not_be_read_is_one_line(folder, monkeypatch):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
+    with pytest.raises(InputError, match=r"model\.npz: cannot be read \(Permission denied\)"):
+        read_model_folder(folder)
+
+
 @pytest.mark.parametrize(
     ("field", "value", "complaint"),
     [

@@ -100,7 +100,7 @@ def test_there_are_examples():
     assert len(list(examples())) > 8
 
 
-@pytest.mark.parametrize(("schema", "folder", "setting"), examples())
+@pytest.mark.parametrize(("schema", "folder", "setting"), list(examples()))
 def test_every_setting_in_an_example_is_known_accepted_and_no_default(schema, folder, setting):
     assert load_settings(schema, folder, [], [setting]) != schema()
     name, _, value = setting.partition("=")
