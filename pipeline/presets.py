@@ -83,7 +83,7 @@ def _parse_override(override: str) -> dict[str, Any]:
     """`a.b=value` as {"a": {"b": value}}; the value is a TOML value, or else the text itself."""
     name, separator, text = override.partition("=")
     if not separator or not name.strip():
-        raise InputError(f"--set {override}: expected stage.field=value, as in final_fit.iterations=100")
+        raise InputError(f"--set {override}: expected stage.field=value, as in final_fit.part_price=20")
     try:
         parsed = tomllib.loads(f"value = {text}")
         value = parsed["value"] if len(parsed) == 1 else text

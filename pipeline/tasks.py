@@ -153,7 +153,7 @@ class CanonicalFrameTask(StageTask):
 
 
 class ResultTask(StageTask):
-    stage, version, schema = "result", 2, Result
+    stage, version, schema = "result", 3, Result
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
@@ -170,7 +170,7 @@ class ResultTask(StageTask):
 
 
 class ExportTask(StageTask):
-    stage, version, schema = "export", 2, Robot
+    stage, version, schema = "export", 3, Robot
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "result": ResultTask(job=self.job)}
@@ -201,7 +201,7 @@ class EvaluationTask(StageTask):
 
 
 class ReportTask(StageTask):
-    stage, version, schema = "report", 1, Report
+    stage, version, schema = "report", 2, Report
 
     def requires(self) -> dict[str, StageTask]:
         return {

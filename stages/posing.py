@@ -47,7 +47,7 @@ def pose_by_states(
     for name, state in states.items():
         if name not in joints:
             raise InputError(
-                f"found the joint {name!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
+                f"found the joint {name[:80]!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
             )
         _check_state(joints[name], state, limits)
     space = Normalisation.of(result.canonical_points)
@@ -206,4 +206,4 @@ def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:
 
 
 def _words(p: Float64[np.ndarray, "3"]) -> str:
-    return "(" + ", ".join(f"{value:.6g}" for value in p) + ")"
+    return "(" + ", ".join(f"{value:.10g}" for value in p) + ")"

@@ -13,7 +13,8 @@ def test_model_json_survives_and_keeps_its_contract(samples):
     content = json.loads(text)
     assert (content["format"], content["version"]) == ("rearticulate/model", 1)
     assert list(content) == [
-        "format", "version", "units", "frames", "canonical_frame", "root", "parts", "joints",
+        "format", "version", "json_sha256", "npz_sha256", "units", "frames", "canonical_frame", "root",
+        "parts", "joints",
     ]  # fmt: skip
     assert list(content["parts"][0]) == ["id", "name", "point_count"]
     assert list(content["joints"][0]) == [
@@ -33,7 +34,7 @@ def test_confidence_is_optional_and_between_none_and_all(samples):
 
 
 @pytest.mark.parametrize(
-    "change", [{"version": 2}, {"format": "other"}, {"frames": 0}, {"units": "inch"}, {"extra": 1}]
+    "change", [{"version": 3}, {"format": "other"}, {"frames": 0}, {"units": "inch"}, {"extra": 1}]
 )
 def test_other_formats_are_refused(samples, change):
     content = json.loads(samples["result"].model.model_dump_json())

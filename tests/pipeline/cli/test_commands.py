@@ -1,6 +1,10 @@
+import functools
+import inspect
 import io
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +13,10 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.cli.tables import model_table, screen_table
+from pipeline.cli.train_flow import train_flow
+from pipeline.presets import FOLDER, TRAINING_FOLDER, load_settings
 from pipeline.report_tables import Cell, Row, Table
+from schemas.config import PipelineConfig, TrainFlowConfig
 
 DATA = ("--dataset", "scans", "--data", "data")
 
@@ -70,6 +77,42 @@ def test_every_command_explains_itself_with_an_example(reart, command):
     result = reart(command, "--help")
     assert result.exit_code == 0
     assert f"reart {command}" in result.stdout.split("Example")[1]
+
+
+README = Path(__file__).parents[3] / "README.md"
+
+
+def examples():
+    """Every setting that a help text or the README gives as an example, with the schema that knows it."""
+    texts = [(PipelineConfig, FOLDER, README.read_text(encoding="utf-8"))]
+    for command in app.registered_commands:
+        schema, folder = (
+            (TrainFlowConfig, TRAINING_FOLDER) if command.callback is train_flow else (PipelineConfig, FOLDER)
+        )
+        texts.append((schema, folder, inspect.getdoc(command.callback)))
+    for schema, folder, text in texts:
+        for setting in re.findall(r"--set ([a-z_.]+=[^`\s\"]+)", text):
+            of_pipeline = setting.startswith("flow.") or schema is PipelineConfig
+            yield (PipelineConfig, FOLDER, setting) if of_pipeline else (schema, folder, setting)
+
+
+def test_there_are_examples():
+    assert len(list(examples())) > 8
+
+
+@pytest.mark.parametrize(("schema", "folder", "setting"), list(examples()))
+def test_every_setting_in_an_example_is_known_accepted_and_no_default(schema, folder, setting):
+    assert load_settings(schema, folder, [], [setting]) != schema()
+    name, _, value = setting.partition("=")
+    default = functools.reduce(getattr, name.split("."), schema())
+    if isinstance(default, int | float):  # an example shows a change that one may want to make
+        assert default / 10 <= float(value) <= 10 * max(default, 1)
+
+
+def test_the_example_in_a_refusal_is_one(reart):
+    refusal = reart("run", "--dataset", "scans", "--set", "flow").stderr
+    setting = re.search(r"as in (\S+=\S+)", refusal)[1]
+    assert load_settings(PipelineConfig, FOLDER, [], [setting]) != PipelineConfig()
 
 
 def test_the_command_line_starts_without_the_heavy_libraries():
