@@ -109,7 +109,7 @@ def test_an_empty_folder_is_named(tmp_path: Path) -> None:
 
 def test_a_folder_without_frames_names_what_lies_there(tmp_path: Path) -> None:
     for name in ("a.obj", "b.obj", "c.txt", "d.las"):
-        (tmp_path / name).write_text("1 2 3\n")
+        (tmp_path / name).write_text("about these scans\n")
     assert "no frame among a.obj, b.obj, c.txt, ..." in refusal(tmp_path)
 
 
@@ -152,7 +152,6 @@ def test_the_damaged_frame_of_a_folder_is_named(tmp_path: Path) -> None:
     "stack",
     [
         np.ones((3, 40, 2)),
-        np.ones((3, 40, 4)),
         np.ones(40),
         np.ones((3, 2, 40, 3)),
         np.ones((3, 40, 3), dtype=complex),
@@ -177,7 +176,7 @@ def test_frames_in_two_dimensions_are_refused_with_their_shape(tmp_path: Path) -
 
 def test_an_npz_must_say_which_array_holds_the_points(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", first=np.ones((2, 40, 3)), second=np.ones((2, 40, 3)))
-    assert "first, second" in refusal(tmp_path / "a.npz")
+    assert "first (2, 40, 3), second (2, 40, 3)" in refusal(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz")
     refusal(tmp_path / "a.npz")
 
