@@ -34,7 +34,7 @@ def out_of_memory(path: Path) -> InputError:
 def check_count(count: int, most: int) -> None:
     """Raise TooLargeError for more points than `most`."""
     if count > most:
-        raise TooLargeError(f"found {count:,} points, which with the frames before it is more than is read")
+        raise TooLargeError(f"found {count:,} points, too many with those of the frames before")
 
 
 def too_large(path: Path, error: TooLargeError, limit: int) -> InputError:

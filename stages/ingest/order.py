@@ -30,7 +30,7 @@ class Order:
         shown = ", ".join(self.names[:_SHOWN])
         if len(self.names) > _SHOWN:
             shown += f", ..., {self.names[-1]}" if len(self.names) > _SHOWN + 1 else f", {self.names[-1]}"
-        return f"{self.doubt}; the frames are taken in this order: {shown}; number them if that is wrong"
+        return f"{self.doubt}; the frames are taken in this order: {shown}; rename them by numbers if that is wrong"
 
 
 def in_order(names: Sequence[str]) -> Order:
@@ -45,7 +45,8 @@ def in_order(names: Sequence[str]) -> Order:
     decimal = sorted(names, key=lambda name: (_key(name), name))
     ordered = whole if as_versions else decimal
     doubt = _doubt({name: _key(name) for name in ordered})
-    if not doubt and fractions and whole != decimal:
+    surely_decimal = any(len(fraction) > 1 and fraction.startswith("0") for fraction in fractions)
+    if not doubt and fractions and whole != decimal and not surely_decimal:
         doubt = f"the numbers in the names are taken for {'versions' if as_versions else 'decimals'}"
     return Order(ordered, doubt)
 

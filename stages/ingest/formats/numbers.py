@@ -11,7 +11,7 @@ from jaxtyping import Float64
 
 LONGEST_LINE = 1 << 16
 _AT_ONCE = 100_000  # lines
-_NOT_A_NUMBER = re.compile(r"[+-]?nan(\(.*\))?|[+-]?1[.,]#(qnan|snan|ind)\w*|n/?a|#n/a|null|none|", re.IGNORECASE)
+_NOT_A_NUMBER = re.compile(r"[+-]?nan(\(.*)?|[+-]?1[.,]#(qnan|snan|ind)\w*|n/?a|#n/a|null|none|", re.IGNORECASE)
 _INFINITE = re.compile(r"([+-]?)1[.,]#inf\w*", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]*([eE][+-]?[0-9]+)?")
 _FORTRAN = re.compile(r"[+-]?[0-9.]+[dD][+-]?[0-9]+")

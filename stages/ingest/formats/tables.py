@@ -31,10 +31,11 @@ _MARKS = (  # the longer ones first, since they begin like others
 )
 _DELIMITERS = (";", "\t", ",", None)
 _LONGEST_HEADER = 1000  # lines
+_SAMPLE = 50  # rows that tell the layout
 _COMMENT = re.compile(r"(^|[\s,;])(#|//|%).*")  # not the # in 1.#QNAN
 _BEFORE_NAMES = "#/% \t"
 _AFTER_NAME = re.compile(r"\s*[\[(].*[\])]$|[ _](m|cm|mm)$")  # a unit
-_POSITION = r"(?:points?|pos|position|coords?|coordinates?|vert|vertex|vertices|p|xyz)[ _.:\[-]*"
+_POSITION = r"(?:points?|pos|position|coords?|coordinates?|vert|vertex|vertices|field|p|xyz)[ _.:\[-]*"
 _AXES = (
     re.compile(r"[xyz]"),
     re.compile(rf"(?:{_POSITION})?([xyz])\]?(?:[ _.-]*(?:coord|coordinate|pos|position)s?)?"),
@@ -61,11 +62,13 @@ def read_table(path: Path, most: int) -> Points:
             if _words(header):
                 raise ValueError(f"found no row of three numbers, but {_words(header)[0][:60]!r}")
             return numbers([], [0, 1, 2], None, 3)
-        second = next(lines, None)
-        layout = _layout(first, header, path)
-        start = [second] if _counts_columns(first, second, layout) else [first, second]
+        sample = [first, *itertools.islice(lines, _SAMPLE)]
+        if _counts_columns(sample):
+            header.append(sample.pop(0))
+        layout = _layout(sample[0], header, path)
+        _check_commas(sample, layout)
         counts = _Counts(header, most)
-        rows = counts.rows(itertools.chain([line for line in start if line is not None], lines))
+        rows = counts.rows(itertools.chain(sample, lines))
         points = numbers(rows, layout.columns, layout.delimiter, layout.width)
     counts.check(len(points))
     return points
@@ -121,7 +124,10 @@ def _open_text(path: Path) -> IO[str]:
 def _lines(file: IO[str]) -> Iterator[str]:
     """The lines that are not empty, without white space around them."""
     while line := file.readline(LONGEST_LINE):
-        if stripped := line.strip():
+        stripped = line.strip()
+        if stripped.startswith(("[", "(")):  # lists of lists
+            stripped = stripped.strip("[](), ")
+        if stripped:
             yield stripped if len(line) < LONGEST_LINE else line
 
 
@@ -187,7 +193,7 @@ def _layout(first: str, header: list[str], path: Path) -> _Layout:
     for line in reversed(header):
         comment = line.startswith(("#", "%"))
         for names in (line.strip(_BEFORE_NAMES).split(delimiter), re.split(r"[,;\s]+", line.strip(_BEFORE_NAMES))):
-            columns = _columns(names)
+            columns = _columns(names, width)
             if columns is None or (comment and columns != [0, 1, 2] and len(names) != width):
                 continue
             shift = _shift(names, columns, words, width, delimiter)
@@ -197,8 +203,8 @@ def _layout(first: str, header: list[str], path: Path) -> _Layout:
     return _Layout(delimiter, len(words))
 
 
-def _columns(names: list[str]) -> list[int] | None:
-    """Which columns a header names x, y and z; None where it does not."""
+def _columns(names: list[str], width: int) -> list[int] | None:
+    """Which columns a header names x, y and z; None where it does not. Raises ValueError for some of them."""
     plain = [_AFTER_NAME.sub("", name.strip(" \t\"'").lower()) for name in names]
     for pattern in _AXES:
         axes = [match[match.lastindex or 0] if (match := pattern.fullmatch(name)) else "" for name in plain]
@@ -207,6 +213,9 @@ def _columns(names: list[str]) -> list[int] | None:
                 if pattern is _AXES[0] and any(axes.count(axis) > 1 for axis in wanted):
                     raise ValueError(f"found a column named twice in the header {' '.join(names)[:60]!r}")
                 return [axes.index(axis) for axis in wanted]
+    if len(names) == width and (found := [name for name in plain if name in ("x", "y", "z")]):
+        missing = [axis for axis in "xyz" if axis not in found]
+        raise ValueError(f"found no {' or '.join(missing)} among the columns {', '.join(names)[:60]}")
     return None
 
 
@@ -225,7 +234,15 @@ def _is_index(words: list[str]) -> bool:
     return words[0].strip() in ("0", "1") and all("." in word for word in words[1:4])
 
 
-def _counts_columns(first: str, second: str | None, layout: _Layout) -> bool:
-    """Whether the first row is a header 0, 1, 2, ..., as pandas writes it for an array."""
-    words = [word.strip() for word in fields(first, layout.delimiter)]
-    return second is not None and "." in second and words == [str(index) for index in range(len(words))]
+def _counts_columns(sample: list[str]) -> bool:
+    """Whether the first row is a header 0, 1, 2, ..., as pandas writes it for an array, with or without its index."""
+    words = [word for word in re.split(r"[,;\s]+", sample[0]) if word]
+    return len(sample) > 1 and "." in sample[1] and words == [str(index) for index in range(len(words))]
+
+
+def _check_commas(sample: list[str], layout: _Layout) -> None:
+    """Raise ValueError where commas stand both between numbers and in them, so that 0,5,-0,25,1,0 has six columns."""
+    if layout.delimiter != "," or layout.width % 2 or layout.width < 6 or any("." in line for line in sample):
+        return
+    if any(re.search(r"(^|,)\s*-0\s*,|,0[0-9]+\s*(,|$)", line) for line in sample):
+        raise ValueError("found commas between the columns and in the numbers, expected semicolons between the columns")
