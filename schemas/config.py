@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field
 from schemas.artifact import Schema
 from schemas.sequence import LENGTH_SYMBOLS, LengthUnit
 
-UNIT_NAMES: dict[str, LengthUnit] = {unit: unit for unit in LENGTH_SYMBOLS} | {
+_UNIT_NAMES: dict[str, LengthUnit] = {unit: unit for unit in LENGTH_SYMBOLS} | {
     symbol: unit for unit, symbol in LENGTH_SYMBOLS.items() if unit != "unknown"
 }
 
@@ -46,7 +46,9 @@ def _length_unit(name: object) -> object:
     if not isinstance(name, str):
         return name
     plain = name.strip().lower()
-    return UNIT_NAMES.get(plain) or UNIT_NAMES.get(plain.removesuffix("s").replace("meter", "metre"), name)
+    if plain.endswith(("meter", "meters", "metres")):
+        plain = plain.removesuffix("s").replace("meter", "metre")
+    return _UNIT_NAMES.get(plain, name)
 
 
 class IngestConfig(Schema):

@@ -29,5 +29,10 @@ def warn_of_lost_digits(names: Sequence[str], frames: Sequence[Points]) -> None:
         "save them in double precision or with more decimals, or subtract one offset from all frames before",
         names[worst],
         ", ".join(f"{step:.3g}" for step in steps),
-        steps.max() / found[worst],
+        max(steps.max() / found[worst], _size(frames[worst]) / (4 * np.sqrt(len(frames[worst])))),
     )
+
+
+def _size(points: Points) -> float:
+    """The cloud's diagonal; a surface's points are about a quarter of it, over the root of their number, apart."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))

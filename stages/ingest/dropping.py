@@ -11,11 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from stages.ingest.readers import Frame
+from stages.kernels.quantisation import coarseness
 
 _FEWEST = 8  # points at one place; fewer are a coincidence of scans put together
 _SHARE = 0.001  # of the frame's points
 _TIMES_USUAL = 10  # as many as nearly all other places hold; clouds drawn with replacement hold some twice and thrice
 _USUAL = 0.95
+_MOST_PLACES = 3  # more are no camera's doing
 _KEY = (0.8507207, 0.4127213, 0.3251893)  # tells points apart by one number
 
 
@@ -49,7 +51,10 @@ def _where(frames: Sequence[Frame]) -> str:
 
 
 def _piled(points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-    """Which points lie with very many others at exactly one place, unless all do."""
+    """Which points lie with very many others at exactly one place, unless all do.
+
+    Where coordinates have lost their digits, points that are some come to lie at one place too; zeros alone are none.
+    """
     piled = np.zeros(len(points), dtype=bool)
     keys = points[:, 0] * _KEY[0] + points[:, 1] * _KEY[1] + points[:, 2] * _KEY[2]
     least = max(_FEWEST, int(_SHARE * len(points)))
@@ -58,6 +63,11 @@ def _piled(points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"
         return piled
     _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     large = counts >= max(least, _TIMES_USUAL * np.quantile(counts, _USUAL))
-    for start in first[large]:
-        piled |= (points == points[start]).all(axis=1)
-    return piled & (not piled.all())
+    places = points[first[large]]
+    if len(places) > _MOST_PLACES:
+        return piled
+    for place in places:
+        piled |= (points == place).all(axis=1)
+    if piled.all() or (coarseness(points[~piled]) > 0 and (len(places) > 1 or places.any())):
+        piled[:] = False
+    return piled

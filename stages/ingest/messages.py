@@ -8,7 +8,12 @@ from schemas.errors import InputError
 
 
 class TooLargeError(ValueError):
-    """The input declares or holds more points than `ingest.max_points`."""
+    """The input declares or holds more points than may still be read."""
+
+    def __init__(self, count: int, most: int) -> None:
+        super().__init__(f"found {count:,} points, expected at most {most:,}")
+        self.count = count
+        self.most = most
 
 
 def one_line(error: BaseException) -> str:
@@ -34,12 +39,13 @@ def out_of_memory(path: Path) -> InputError:
 def check_count(count: int, most: int) -> None:
     """Raise TooLargeError for more points than `most`."""
     if count > most:
-        raise TooLargeError(f"found {count:,} points, too many with those of the frames before")
+        raise TooLargeError(count, most)
 
 
 def too_large(path: Path, error: TooLargeError, limit: int) -> InputError:
     """The error for a sequence of more points than `limit`."""
+    before = f" and {limit - error.most:,} in the frames before" if error.most < limit else ""
     return InputError(
-        f"{path}: {one_line(error)}, expected at most {limit:,} in all frames (ingest.max_points); "
+        f"{path}: found {error.count:,} points{before}, expected at most {limit:,} in all frames (ingest.max_points); "
         "thin the clouds or raise the setting"
     )

@@ -34,6 +34,7 @@ class Member:
     dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.void))
     fortran: bool = False
     header: int = 0
+    info: zipfile.ZipInfo | None = None
     problem: str = ""
 
     @property
@@ -106,7 +107,9 @@ def load_npz(path: Path, wanted: Collection[str] | None = None, most_bytes: int 
         if problems := [member for member in members if member.problem]:
             raise ValueError(f"'{problems[0].name}' {problems[0].problem}")
         if (declared := sum(member.nbytes for member in members)) > most_bytes:
-            raise ValueError(f"it declares {declared:,} bytes, expected at most {most_bytes:,}")
+            raise InputError(
+                f"{path}: found arrays of {declared:,} bytes, expected at most {most_bytes:,}; check how it was written"
+            )
         return {member.name: archive.read(member) for member in members}
 
 
@@ -169,7 +172,7 @@ class Archive:
                 shape, fortran, dtype = read_header(file)
             except ValueError as error:
                 return Member(name, problem=f"is no array ({one_line(error)})")
-            member = Member(name, shape, dtype, fortran, file.tell())
+            member = Member(name, shape, dtype, fortran, file.tell(), info)
         if dtype.hasobject:
             return Member(name, shape, problem="holds Python objects, which are never unpickled")
         if min(shape, default=0) < 0 or member.header + member.nbytes != info.file_size:
@@ -179,7 +182,7 @@ class Archive:
 
     @contextmanager
     def _data(self, member: Member) -> Iterator[IO[bytes]]:
-        with self._zip.open(f"{member.name}.npy") as file:
+        with self._zip.open(member.info or f"{member.name}.npy") as file:
             _exactly(file, member.header)
             yield file
 

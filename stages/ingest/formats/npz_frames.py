@@ -122,7 +122,8 @@ def _unclear(path: Path, members: list[Member]) -> InputError:
     objects = next((member for member in members if "Python objects" in member.problem), None)
     remedy = "name the array 'points', or the frames frame_0, frame_1, ..."
     if len(members) == 1 and members[0].problem:
-        return InputError(f"{path}: '{members[0].name}' {members[0].problem}, expected {_EXPECTED}; {PER_FRAME}")
+        remedy = PER_FRAME if objects else "save the frames again with np.savez"
+        return InputError(f"{path}: '{members[0].name}' {members[0].problem}, expected {_EXPECTED}; {remedy}")
     if objects is not None:
         remedy = f"'{objects.name}' holds Python objects, which are never unpickled: {PER_FRAME}"
     elif any(len(member.shape) == 3 and member.shape[1] == 3 for member in members):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterable
+from typing import AnyStr
 
 import numpy as np
 from jaxtyping import Float64
@@ -35,6 +36,13 @@ def numbers(
             blocks.append(_one_by_one(block, columns, delimiter, first))
         first += len(block)
     return np.concatenate(blocks) if blocks else np.empty((0, len(columns)))
+
+
+def checked_line(line: AnyStr) -> AnyStr:
+    """What readline(LONGEST_LINE) gave. Raises ValueError where the line goes on."""
+    if len(line) >= LONGEST_LINE:
+        raise ValueError(f"found a line of more than {LONGEST_LINE:,} characters")
+    return line
 
 
 def fields(line: str, delimiter: str | None) -> list[str]:
@@ -84,8 +92,6 @@ def _check_widths(lines: list[str], delimiter: str | None, width: int, first: in
         found = len(fields(line, delimiter)) if delimiter is None else line.count(delimiter) + 1
         if found == width:
             continue
-        if len(line) >= LONGEST_LINE:
-            raise ValueError(f"found a line of more than {LONGEST_LINE:,} characters, at row {first + row}")
         if first + row == 0:
             raise ValueError(f"found {found} values a line, expected the {width} that it declares")
         raise ValueError(f"the number of columns changed from {width} to {found} at row {first + row}")

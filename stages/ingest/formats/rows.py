@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 from jaxtyping import Float64
 
-from stages.ingest.formats.numbers import LONGEST_LINE, numbers
+from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, numbers
 from stages.ingest.messages import check_count
 
 Points = Float64[np.ndarray, "points 3"]
@@ -146,7 +146,7 @@ def _text_points(rows: Rows, lines: Iterator[str], wanted: list[int]) -> Points:
 def text_lines(file: IO[bytes], start: int) -> Iterator[str]:
     """The lines of a file from byte `start` on, without empty ones."""
     file.seek(start)
-    while line := file.readline(LONGEST_LINE):
+    while line := checked_line(file.readline(LONGEST_LINE)):
         if not line.isspace():
             yield line.decode("latin1")
 

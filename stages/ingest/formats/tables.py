@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from stages.ingest.formats.numbers import LONGEST_LINE, fields, number, numbers
+from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, fields, number, numbers
 from stages.ingest.formats.rows import Points
 from stages.ingest.messages import check_count
 
@@ -123,12 +123,12 @@ def _open_text(path: Path) -> IO[str]:
 
 def _lines(file: IO[str]) -> Iterator[str]:
     """The lines that are not empty, without white space around them."""
-    while line := file.readline(LONGEST_LINE):
+    while line := checked_line(file.readline(LONGEST_LINE)):
         stripped = line.strip()
         if stripped.startswith(("[", "(")):  # lists of lists
             stripped = stripped.strip("[](), ")
         if stripped:
-            yield stripped if len(line) < LONGEST_LINE else line
+            yield stripped
 
 
 def _split(lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
