@@ -7,12 +7,16 @@ setting depends on the input's units or the object's size. Presets live in `pipe
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from schemas.artifact import Schema
-from schemas.sequence import LengthUnit
+from schemas.sequence import LENGTH_SYMBOLS, LengthUnit
+
+_UNIT_NAMES: dict[str, LengthUnit] = {unit: unit for unit in LENGTH_SYMBOLS} | {
+    symbol: unit for unit, symbol in LENGTH_SYMBOLS.items() if unit != "unknown"
+}
 
 
 class RoboartConfig(Schema):
@@ -37,13 +41,26 @@ class RoboartConfig(Schema):
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
 
 
+def _length_unit(name: object) -> object:
+    """The unit that a name such as mm, meters or Centimetre means; anything else as it is, for pydantic to refuse."""
+    if not isinstance(name, str):
+        return name
+    plain = name.strip().lower()
+    if plain.endswith(("meter", "meters", "metres")):
+        plain = plain.removesuffix("s").replace("meter", "metre")
+    return _UNIT_NAMES.get(plain, name)
+
+
 class IngestConfig(Schema):
     """Where frames come from and how they are read."""
 
     source: Literal["files", "roboart", "urdf"] = "files"
-    units: LengthUnit = Field(default="unknown", description="the unit of the input's coordinates")
+    units: Annotated[LengthUnit, BeforeValidator(_length_unit)] = Field(
+        default="unknown", description="the unit of the input's coordinates"
+    )
     every: int = Field(default=1, ge=1, description="only every so many-th frame is used, from the first on")
     min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")
+    max_points: int = Field(default=50_000_000, ge=64, description="a sequence with more points in all is refused")
     roboart: RoboartConfig = RoboartConfig()
 
 

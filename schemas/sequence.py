@@ -34,7 +34,7 @@ class PointSequence(Artifact):
     points: Annotated[Float64[np.ndarray, "all_points 3"], Unit("normalised")]
     point_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count")]
     dropped_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count")] = Field(
-        description="points of each input frame that were dropped for NaN or infinite coordinates"
+        description="points of each input frame that were dropped: NaN, infinite, or a large number at one place"
     )
     scale: float = Field(gt=0, description="input units per normalised unit: the object's diagonal")
     centre: tuple[float, float, float] = Field(description="input coordinates of the normalised origin")

@@ -87,7 +87,7 @@ def test_an_unknown_setting_is_refused_with_the_nearest_known(override, suggesti
         "final_fit.reach=0",
         "final_fit.reach=inf",
         "merging.threshold=nan",
-        "ingest.units=meter",
+        "ingest.units=inch",
         "relaxed_fit.gumbel=5",
         "flow.geometric.stiffness=[1, nan]",
     ],
