@@ -35,6 +35,9 @@ class RoboartConfig(Schema):
         default=0, ge=0, description="sample only what is visible from so many viewpoints; 0 samples the whole surface"
     )
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
+    max_mesh_mib: float = Field(
+        default=128.0, gt=0, le=65536, description="a mesh file that is larger, or unfolds to more, is refused"
+    )
 
 
 class IngestConfig(Schema):
