@@ -22,7 +22,7 @@ GREATEST = 1e15  # of a model's numbers: beyond it their squares and products ov
 class ModelPart(Schema):
     id: int
     name: str
-    point_count: int
+    point_count: int = Field(ge=0)
 
 
 class JointConfidence(Schema):

@@ -12,7 +12,8 @@ from schemas.errors import InputError
 def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
     """The function that `name` stands for: a registry entry or `package.module:function`.
 
-    Raises InputError, naming `setting`, for an unknown name or a path that cannot be imported.
+    Raises InputError, naming `setting`, for an unknown name, and for a path that cannot be imported, whatever the
+    user's module does.
     """
     if name in registry:
         return registry[name]
@@ -29,6 +30,8 @@ def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]])
             f"{setting}: cannot import {name!r} ({error}); "
             "check the path, and that its folder is the current one or on PYTHONPATH"
         ) from error
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{setting}: cannot import {name!r} ({error!r}); correct that module") from error
     if not callable(function):
         raise InputError(f"{setting}: {name!r} is a {type(function).__name__}, expected a function")
     return function
