@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
+
+from pydantic import ValidationError
 
 from schemas.errors import InputError
 
@@ -35,3 +38,15 @@ def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]])
     if not callable(function):
         raise InputError(f"{setting}: {name!r} is a {type(function).__name__}, expected a function")
     return function
+
+
+@contextmanager
+def blaming(setting: str, name: str) -> Iterator[None]:
+    """Put the setting before what a schema says of the result of the function that it names, in one line."""
+    try:
+        yield
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join([error.title, *map(str, first["loc"])])
+        said = first["ctx"]["error"] if "error" in first.get("ctx", {}) else f"{field}: {first['msg']}"
+        raise ValueError(f"{setting} {name!r}: {said}") from error
