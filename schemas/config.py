@@ -98,7 +98,7 @@ class RoboartConfig(Settings):
     )
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
     max_mesh_mib: float = Field(
-        default=128.0, gt=0, le=65536, description="a mesh file that is larger, or unfolds to more, is refused"
+        default=64.0, gt=0, le=65536, description="a mesh file that is larger, or unfolds to more, is refused"
     )
 
     @model_validator(mode="after")
