@@ -48,9 +48,12 @@ class FlowTask(StageTask):
         return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Flow:
+        from stages.canonical_frame import candidate_frames
         from stages.flow import estimate_flow
 
-        return estimate_flow(inputs["ingest"].sequence, self.job.config.flow, rng, progress)
+        config, sequence = self.job.config, inputs["ingest"].sequence
+        candidate_frames(sequence.frame_count, config.canonical_frame)  # what it refuses is told before the work
+        return estimate_flow(sequence, config.flow, rng, progress)
 
 
 class CandidateTask(StageTask):

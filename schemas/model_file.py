@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
-from schemas.artifact import Artifact, Schema, Unit
+from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
 from schemas.seal import sha256
 from schemas.sequence import JointType, LengthUnit
 
@@ -33,7 +33,7 @@ GREATEST = 1e15  # of a model's numbers: beyond it their squares and products ov
 class ModelPart(Schema):
     id: int
     name: str
-    point_count: int
+    point_count: int = Field(ge=0)
 
 
 class JointConfidence(Schema):
@@ -148,5 +148,14 @@ class Result(Artifact):
 
     model: ModelFile
     canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]
-    labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
-    T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input")]
+    labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
+    T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input"), Rigid()]
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> Self:
+        found, expected = self.T_frame_canonical.shape[:2], (self.model.frames, len(self.model.parts))
+        if found != expected:
+            raise ValueError(
+                f"Result.T_frame_canonical: found {found} frames and parts, expected {expected} as in model"
+            )
+        return self

@@ -3,7 +3,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from schemas.model_file import ModelFile
+from schemas.model_file import ModelFile, ModelPart
 
 
 def test_model_json_survives_and_keeps_its_contract(samples):
@@ -138,3 +138,8 @@ def test_a_digest_tells_models_apart():
     models[2]["joints"][0]["upper"] = 2
     same, again, other = (ModelFile.model_validate(model).digest for model in models)
     assert same == again != other
+
+
+def test_a_part_has_no_fewer_points_than_none():
+    with pytest.raises(ValidationError, match="greater than or equal to 0"):
+        ModelPart(id=0, name="part_0", point_count=-5)
