@@ -23,13 +23,8 @@ from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_
 _MOST_COLUMNS = 16  # more are an image's, not a point's coordinates, colour and normal
 _MOST_BYTES = 2 << 30
 _ROWS_AT_ONCE = 1 << 20
-_HEADER_ERRORS = (
-    SyntaxError,
-    TypeError,
-    OverflowError,
-    TokenError,
-    RecursionError,
-)  # of numpy's parser, for a damaged one
+# what numpy's parser raises beside ValueError for a damaged header
+_HEADER_ERRORS = (SyntaxError, TypeError, OverflowError, TokenError, RecursionError)
 PER_FRAME = "save one .npy for each frame in a folder"
 
 
