@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_
 _MOST_COLUMNS = 16  # more are an image's, not a point's coordinates, colour and normal
 _MOST_BYTES = 2 << 30
 _ROWS_AT_ONCE = 1 << 20
+# what numpy's parser raises beside ValueError for a damaged header
+_HEADER_ERRORS = (SyntaxError, TypeError, OverflowError, TokenError, RecursionError)
 PER_FRAME = "save one .npy for each frame in a folder"
 
 
@@ -88,6 +91,8 @@ def map_array(path: Path) -> np.ndarray:
         if "Python objects" in str(error):  # numpy's advice is to unpickle
             raise ValueError(f"found Python objects, which are never unpickled; {PER_FRAME}") from error
         raise
+    except _HEADER_ERRORS as error:
+        raise ValueError(f"found a damaged header ({one_line(error)})") from error
 
 
 def read_npy(path: Path, most: int) -> Points:
@@ -170,7 +175,7 @@ class Archive:
                 reads = np.lib.format
                 read_header = reads.read_array_header_1_0 if version == (1, 0) else reads.read_array_header_2_0
                 shape, fortran, dtype = read_header(file)
-            except ValueError as error:
+            except (ValueError, *_HEADER_ERRORS) as error:
                 return Member(name, problem=f"is no array ({one_line(error)})")
             member = Member(name, shape, dtype, fortran, file.tell(), info)
         if dtype.hasobject:

@@ -273,3 +273,17 @@ def test_a_folder_that_may_not_be_looked_into_is_named(tmp_path: Path, monkeypat
         with monkeypatch.context() as patch:
             patch.setattr(Path, method, refused)
             assert "Permission denied" in refusal(tmp_path)
+
+
+def test_a_damaged_npy_header_ends_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.ones((2, 40, 3)))
+    whole = path.read_bytes()
+    for old, new in ((b"}", b" "), (b"(2, 40, 3)", b"(2,-40, 3)"), (b"(2, 40, 3)", b"(2, 40, (((")):
+        path.write_bytes(whole.replace(old, new, 1))
+        refusal(path)
+        path.write_bytes(whole)
+        np.savez(tmp_path / "a.npz", points=np.ones((2, 40, 3)))
+        data = (tmp_path / "a.npz").read_bytes()
+        (tmp_path / "a.npz").write_bytes(data.replace(old, new, 1))
+        refusal(tmp_path / "a.npz")
