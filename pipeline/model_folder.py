@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,9 @@ from pydantic import ValidationError
 
 from pipeline import store
 from pipeline.files import write_atomically
+from schemas.artifact import GREATEST
 from schemas.errors import InputError
-from schemas.model_file import GREATEST, ModelFile, Result
+from schemas.model_file import ModelFile, Result
 from schemas.seal import intact, sha256
 from schemas.sequence import IngestedSequence
 
@@ -46,8 +47,8 @@ def read_model_folder(folder: Path) -> Result:
         result = Result(model=model, **{name: arrays[name] for name in ARRAYS})
     except ValidationError as error:
         raise InputError(f"{npz_path}: {_first(error)}; fit the model anew") from error
-    if problem := next(_contradictions(result), None):
-        raise InputError(f"{folder}: {problem}; fit the model anew")
+    if not len(result.labels):
+        raise InputError(f"{npz_path}: labels: found none, expected one for each point; fit the model anew")
     return result
 
 
@@ -79,25 +80,6 @@ def _read_model(path: Path, npz_digest: str) -> ModelFile:
             "take both files from one fit, or fit the model anew"
         )
     return model
-
-
-def _contradictions(result: Result) -> Iterator[str]:
-    """Where model.json and model.npz contradict each other, or themselves."""
-    model, parts = result.model, len(result.model.parts)
-    if result.T_frame_canonical.shape[:2] != (model.frames, parts):
-        yield (
-            f"T_frame_canonical: found {result.T_frame_canonical.shape[:2]}, "
-            f"expected {model.frames} frames and {parts} parts as in model.json"
-        )
-    if len(result.labels) == 0 or result.labels.min() < 0 or result.labels.max() >= parts:
-        yield f"labels: found others than the parts of model.json, expected at least one, from 0..{parts - 1}"
-    for name in ("canonical_points", "T_frame_canonical"):
-        if (greatest := np.abs(getattr(result, name)).max(initial=0.0)) > GREATEST:
-            yield f"{name}: found a number of size {greatest:g}, expected at most {GREATEST:g}"
-    R = result.T_frame_canonical[..., :3, :3]
-    rigid = np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), atol=1e-3) and (np.linalg.det(R) > 0).all()
-    if not rigid or not np.allclose(result.T_frame_canonical[..., 3, :], [0, 0, 0, 1]):
-        yield "T_frame_canonical: found others than rigid motions, expected rotations and translations"
 
 
 def _first(error: ValidationError) -> str:

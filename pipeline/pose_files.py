@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pydantic import ValidationError
 
+from schemas.artifact import GREATEST
 from schemas.errors import InputError
-from schemas.model_file import GREATEST, ModelFile
+from schemas.model_file import ModelFile
 from schemas.pose import Pose, State
 from stages.ingest.point_formats import one_line
 from stages.ingest.readers import load_npz

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
-from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
+from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
 from schemas.seal import sha256
 from schemas.sequence import JointType, LengthUnit
 
@@ -26,8 +26,6 @@ else:
 
 
 Vector = tuple[float, float, float]
-
-GREATEST = 1e15  # of a model's numbers: beyond it their squares and products overflow, or lose all digits
 
 
 class ModelPart(Schema):

@@ -7,8 +7,8 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from schemas.artifact import Schema
-from schemas.model_file import GREATEST, Vector
+from schemas.artifact import GREATEST, Schema
+from schemas.model_file import Vector
 from schemas.sequence import LengthUnit
 
 State = float | Vector  # radians or input units; a rotation vector of a spherical joint

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from schemas.artifact import GREATEST
 from schemas.errors import InputError
-from schemas.model_file import GREATEST, ModelJoint, Result
+from schemas.model_file import ModelJoint, Result
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.normalisation import Normalisation

@@ -41,7 +41,7 @@ def fit(
     ],
     preset: PresetOption = None,
     units: Annotated[
-        str | None, typer.Option(help="The unit of the coordinates: metre, centimetre or millimetre.")
+        str | None, typer.Option(help="The unit of the coordinates: m, cm or mm, or in words: millimetre.")
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
     seed: SeedOption = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -131,11 +131,14 @@ def _check_joint(joint: TrueJoint, frames: int, parts: int, where: str) -> None:
         raise InputError(f"{where}: expected finite numbers and an axis of unit length; correct it")
 
 
+_Part = Annotated[int, Field(ge=-(2**31), lt=2**31)]  # `check_truth` asks which there are
+
+
 class _TreeFile(BaseModel):
     """ground_truth.json; keys beyond these are ignored."""
 
-    root: int
-    edges_child_parent: list[tuple[int, int]]
+    root: _Part
+    edges_child_parent: list[tuple[_Part, _Part]]
     links: dict[int, list[str]] = Field(default_factory=dict)
     joints: tuple[TrueJoint, ...] = ()
 

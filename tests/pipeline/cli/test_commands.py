@@ -1,6 +1,7 @@
 import functools
 import inspect
 import io
+import json
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.cli.tables import model_table, screen_table
 from pipeline.cli.train_flow import train_flow
+from pipeline.delivery import deliver
 from pipeline.presets import FOLDER, TRAINING_FOLDER, load_settings
 from pipeline.report_tables import Cell, Row, Table
 from schemas.config import PipelineConfig, TrainFlowConfig
@@ -140,3 +142,14 @@ def test_a_line_parts_the_sections_and_no_text_is_taken_for_markup():
     assert shown.index("[odd]") < shown.index("mean")
     assert [row.end_section for row in table.rows] == [True, False]
     assert "[green]" in cells(table, 1)["value"]
+
+
+def test_inspect_tells_whether_delivered_files_are_as_they_were_written(reart, tmp_path):
+    (tmp_path / "filled").mkdir()
+    deliver(tmp_path / "filled", {"model.json": b"{}", "robot.urdf": b"<robot/>"})
+    whole = reart("inspect", "filled")
+    assert (whole.exit_code, whole.stdout) == (0, "every file is as it was written\n")
+    (tmp_path / "filled" / "robot.urdf").write_bytes(b"<robot />")
+    changed = reart("inspect", "filled")
+    assert (changed.exit_code, changed.stdout.startswith("changed: robot.urdf: ")) == (1, True)
+    assert json.loads(reart("inspect", "filled", "--json").stdout)["problems"]

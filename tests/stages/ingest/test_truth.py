@@ -116,6 +116,7 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, changes: dict[str, A
         (TREE | {"edges_child_parent": [[0, 1]]}, "children [0]"),
         (TREE | {"edges_child_parent": [[0, 1], [0, 1]]}, "children [0, 0]"),
         (TREE | {"edges_child_parent": [[0, 1], [2, 9]]}, "[1, -1, 9]"),
+        (TREE | {"edges_child_parent": [[0, 1], [2, 10**30]]}, "edges_child_parent.1.1"),
         (TREE | {"edges_child_parent": [[0, 1], [2, -1]]}, "[1, -1, -1]"),
         (TREE | {"edges_child_parent": [[0, 2], [2, 0]]}, "loop"),
         (TREE | {"joints": [JOINT]}, "states"),
