@@ -85,7 +85,7 @@ class RelaxedFitTask(CandidateTask):
         from stages.relaxed_fit.carry_over import carry_over
 
         config, sequence = self.job.config, inputs["ingest"].sequence
-        frame = candidate_frames(sequence.frame_count, config.canonical_frame)[self.candidate]
+        frame = candidate_frames(sequence.point_counts.tolist(), config.canonical_frame)[self.candidate]
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
         return fit_relaxed(sequence, inputs["flow"], frame, config.relaxed_fit, rng, progress)
