@@ -1,9 +1,9 @@
 """Plain made-up objects of two or three parts, in few and far states and at unequal densities: what is found of them.
 
-`python benchmarks/hinges.py [--only WORD ...] [--set KEY=VALUE ...]` makes the sequences (always the same), fits each as
-`reart fit` does, and prints a line for each: parts found and true, adjusted Rand index, joint types, and the confidence of
-each joint's parts. The bodies are boxes: plates, a laptop, a door in its frame, scissors, a drawer, a chain of bars.
-`--frames DIR` writes the frames (.npz files) instead, for `reart fit DIR/NAME.npz --out OUT`.
+`python benchmarks/hinges.py [--only WORD ...] [--set KEY=VALUE ...]` makes the sequences (always the same), fits each
+as `reart fit` does, and prints a line for each: parts found and true, adjusted Rand index, and the confidence of each
+joint's parts. The bodies are made of boxes: plates, a laptop, a door in its frame, scissors, a drawer, a chain of bars.
+`--frames DIR` writes the frames instead, for `reart fit DIR/NAME --out OUT`.
 """
 
 from __future__ import annotations

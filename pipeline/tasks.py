@@ -68,7 +68,7 @@ class CandidateTask(StageTask):
 
 
 class RelaxedFitTask(CandidateTask):
-    stage, version, schema = "relaxed_fit", 4, RelaxedModel
+    stage, version, schema = "relaxed_fit", 5, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
         ingest = IngestTask(job=self.job)
@@ -119,7 +119,7 @@ class MergingTask(CandidateTask):
 
 
 class FinalFitTask(CandidateTask):
-    stage, version, schema = "final_fit", 9, KinematicModel
+    stage, version, schema = "final_fit", 10, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job
@@ -137,7 +137,7 @@ class FinalFitTask(CandidateTask):
 
 
 class CanonicalFrameTask(StageTask):
-    stage, version, schema = "canonical_frame", 3, CanonicalChoice
+    stage, version, schema = "canonical_frame", 4, CanonicalChoice
 
     def requires(self) -> dict[str, StageTask]:
         config = self.job.config.canonical_frame

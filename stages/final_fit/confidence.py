@@ -39,14 +39,11 @@ def joint_confidence(
     pulled = np.maximum(_part_sums(fit, costs) - _part_sums(fit, _free_costs(fit, Ts, frames)), 0.0)
     ends = np.stack([chain.parent, chain.child])
     one_dof = np.exp(-pulled[ends].max(axis=0) / price)
-    return np.stack(
-        [
-            _certainty(_part_rises(fit, costs, Ts, samples, frames, price), price),
-            one_dof * _certainty(_link_margins(fit, Ts, samples, frames), CLEARLY_WORSE * np.sqrt(blur)),
-            _certainty(_type_rises(fit, costs, Ts, samples, frames), price),
-        ],
-        axis=1,
-    )
+    part = _certainty(_part_rises(fit, costs, Ts, samples, frames, price), price)
+    link = one_dof * _certainty(_link_margins(fit, Ts, samples, frames), CLEARLY_WORSE * np.sqrt(blur))
+    if coarseness > 0:  # and so blurred, no motion is told to have more degrees of freedom than one
+        link = np.minimum(link, part)
+    return np.stack([part, link, _certainty(_type_rises(fit, costs, Ts, samples, frames), price)], axis=1)
 
 
 def _blur(coarseness: float) -> float:

@@ -93,7 +93,7 @@ def _carried_back(
     part: Int64[np.ndarray, "entries"],
     Ts: Float64[np.ndarray, "frames parts 4 4"],
 ) -> tuple[Float64[np.ndarray, "entries frames nearest 3"], Float64[np.ndarray, "entries frames"]]:
-    """Offsets, in the frame's noise, from a point to its frames' nearest points carried back to it, and the least distance."""
+    """Offsets, in each frame's noise, from a point to the nearest points carried back to it, and the least distance."""
     count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
     carried = np.empty((len(p), len(registration.others), count, 3))
     distance = np.empty((len(p), len(registration.others)))
