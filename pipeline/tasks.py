@@ -52,7 +52,9 @@ class FlowTask(StageTask):
         from stages.flow import estimate_flow
 
         config, sequence = self.job.config, inputs["ingest"].sequence
-        candidate_frames(sequence.frame_count, config.canonical_frame)  # what it refuses is told before the work
+        candidate_frames(
+            sequence.point_counts.tolist(), config.canonical_frame
+        )  # what it refuses is told before the work
         return estimate_flow(sequence, config.flow, rng, progress)
 
 
