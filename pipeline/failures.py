@@ -21,6 +21,7 @@ ADVICE = {
     errno.EAGAIN: f"allow more processes (ulimit -u), {AGAIN}",
     errno.ELOOP: "check its symbolic links",
 }
+NO_MEMORY = "can't allocate memory"  # torch says so in a RuntimeError
 SHOWN_PATH = 200  # characters of a path
 
 
@@ -40,7 +41,7 @@ def one_line(error: BaseException) -> str:
             where = error.filename2 or error.filename
             found = f"input or output: {said}" if where is None else f"{_shortened(os.fsdecode(where))}: {said}"
             return f"{found}; {ADVICE.get(code, f'see to that, {AGAIN}')}"
-        case MemoryError():
+        case MemoryError() | RuntimeError() if isinstance(error, MemoryError) or NO_MEMORY in text:
             return f"found too little memory{f' ({text})' if text else ''}; allow more, {AGAIN}"
         case _:
             return f"{type(error).__name__}: {text}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from jaxtyping import Float64
 from pydantic import ValidationError
 
 from pipeline import store
-from pipeline.files import write_atomically
 from schemas.artifact import GREATEST
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, Result
@@ -130,13 +128,3 @@ def _ingested(result: Path) -> IngestedSequence | None:
     except store.ArtifactError as error:
         _log.warning("warning: %s", error)
         return None
-
-
-def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files by their relative paths, each whole or not at all.
-
-    The first comes last: it is the description, whose meshes are then all there.
-    """
-    for name in reversed(list(files)):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / name, files[name])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import hashlib
 import json
 import os
 import shutil
@@ -27,6 +26,7 @@ from pipeline.files import ANY_PARTIAL, naming_file, remove_abandoned
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
 from schemas.manifest import ArrayEntry, Manifest, Provenance
+from schemas.seal import sha256
 
 MANIFEST = "manifest.json"
 ARRAYS = "arrays.zarr"
@@ -107,7 +107,7 @@ def publish(
             "schema_version": 1,
             "arrays": [entry.model_dump(mode="json") for entry in entries],
             "payload": payload_of(artifact),
-            "files": {name: _digest(contents[name]) for name in sorted(contents)},
+            "files": {name: sha256(contents[name]) for name in sorted(contents)},
         }
         manifest = Manifest.model_validate(content | {"digest": _content_digest(content)})
         (staged / MANIFEST).write_text(json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")
@@ -185,7 +185,7 @@ def read_entry(directory: Path, entry: ArrayEntry, contents: Mapping[str, bytes]
 
 def file_problems(contents: Mapping[str, bytes], manifest: Manifest) -> Iterator[str]:
     """What is wrong with the files of an artifact, one line a file."""
-    found = {name: _digest(content) for name, content in contents.items()}
+    found = {name: sha256(content) for name, content in contents.items()}
     for name in sorted(found.keys() | manifest.files.keys()):
         if name not in found:
             yield f"{name}: missing"
@@ -269,12 +269,8 @@ def _beside(directory: Path, prefix: str) -> Path:
     return directory.with_name(f"{prefix}{directory.name}-{uuid.uuid4().hex[:8]}")
 
 
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
 def _content_digest(content: Mapping[str, object]) -> str:
-    return _digest(canonical_json(content).encode())
+    return sha256(canonical_json(content).encode())
 
 
 @contextlib.contextmanager

@@ -26,6 +26,8 @@ def os_error(code, *names):
         (os_error(errno.ENAMETOOLONG, "a" * 999), "a...: found a name too long for this system; give a shorter one"),
         (MemoryError("8 GiB"), "found too little memory (8 GiB); allow more"),
         (OSError("no code"), "OSError: no code"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "found too little memory"),
+        (RuntimeError("odd"), "RuntimeError: odd"),
     ],
 )
 def test_an_exception_is_one_line_with_what_to_do(error, said):
