@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from schemas.errors import InputError
-from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, points_shape
+from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, npy_header, points_shape
 from stages.ingest.formats.npz_frames import find_frames, holds_one_cloud, read_npz_frames
 from stages.ingest.formats.rows import Points
 from stages.ingest.formats.tables import looks_like_table
@@ -68,16 +69,19 @@ def frame_files(folder: Path) -> list[Path]:
 
 
 def axes(path: Path) -> int:
-    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header."""
+    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header alone.
+
+    0 for a .npy whose header cannot be read: its neighbours tell what it is.
+    """
     match path.suffix.lower():
         case ".npz":
             return 2 if holds_one_cloud(path) else 3
         case ".npy":
             try:
-                array = map_array(path)
-                return len(points_shape(array.shape, array.dtype)) or array.ndim
+                shape, dtype = npy_header(path)
+                return len(points_shape(shape, dtype)) or len(shape)
             except (ValueError, OSError):
-                return 2  # reading it as a frame tells what is wrong
+                return 0
     return 2
 
 
@@ -97,9 +101,10 @@ def _looks_like_frame(file: Path) -> bool:
     if suffix not in AMBIGUOUS_SUFFIXES:
         return False
     try:
+        file.open("rb").close()
         return holds_one_cloud(file) if suffix == ".npz" else looks_like_table(file)
-    except OSError as error:
-        raise unreadable(file, error) from error
+    except OSError:
+        return True  # reading it as a frame tells what is wrong
 
 
 def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
@@ -144,7 +149,7 @@ def _without_frames(folder: Path) -> str:
     others = [file.name for file in visible_files(folder)]
     if folders := frame_folders(folder):
         return folders
-    nested = [(below, frame_files(below)) for below in visible_folders(folder)[:_LOOKED_INTO]]
+    nested = _frames_below(folder)
     if sequences := [below.name for below, files in nested if len(files) > 1]:
         return (
             f"found no frames, but folders with frames ({', '.join(sequences[:3])}), expected one of them; "
@@ -159,8 +164,7 @@ def _without_frames(folder: Path) -> str:
 
 def frame_folders(folder: Path) -> str:
     """What is wrong with a folder whose sub-folders hold one frame each; empty for any other."""
-    nested = [files for below in visible_folders(folder)[:_LOOKED_INTO] if (files := frame_files(below))]
-    nested = [files for files in nested if axes(files[0]) == 2]
+    nested = [files for _, files in _frames_below(folder) if files and axes(files[0]) == 2]
     if len(nested) < 2 or any(len(files) > 1 for files in nested):
         return ""
     first, second = (files[0] for files in nested[:2])
@@ -169,6 +173,15 @@ def frame_folders(folder: Path) -> str:
         "expected all frames side by side in one folder; move them there and name them by their folders "
         f"({first.parent.name}{first.suffix}, {second.parent.name}{second.suffix}, ...)"
     )
+
+
+def _frames_below(folder: Path) -> list[tuple[Path, list[Path]]]:
+    """The first sub-folders that can be listed, and the frames in each."""
+    found = []
+    for below in visible_folders(folder)[:_LOOKED_INTO]:
+        with suppress(InputError):
+            found.append((below, frame_files(below)))
+    return found
 
 
 def _read_stack(path: Path, every: int, max_points: int) -> list[Frame]:

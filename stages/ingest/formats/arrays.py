@@ -95,6 +95,16 @@ def map_array(path: Path) -> np.ndarray:
         raise ValueError(f"found a damaged header ({one_line(error)})") from error
 
 
+def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """The shape and the type that a .npy file declares, whether it is whole or not. Raises ValueError or OSError."""
+    with path.open("rb") as file:
+        try:
+            shape, _, dtype = _header(file)
+        except _HEADER_ERRORS as error:
+            raise ValueError(f"found a damaged header ({one_line(error)})") from error
+    return shape, dtype
+
+
 def read_npy(path: Path, most: int) -> Points:
     """The points of a .npy file of one frame. Raises ValueError or OSError, also for more than `most`."""
     array = map_array(path)
@@ -169,12 +179,7 @@ class Archive:
             return Member(name, problem="is no array")
         with self._zip.open(info) as file:
             try:
-                version = np.lib.format.read_magic(file)
-                if version not in ((1, 0), (2, 0)):
-                    return Member(name, problem=f"is of the unknown .npy version {version}")
-                reads = np.lib.format
-                read_header = reads.read_array_header_1_0 if version == (1, 0) else reads.read_array_header_2_0
-                shape, fortran, dtype = read_header(file)
+                shape, fortran, dtype = _header(file)
             except (ValueError, *_HEADER_ERRORS) as error:
                 return Member(name, problem=f"is no array ({one_line(error)})")
             member = Member(name, shape, dtype, fortran, file.tell(), info)
@@ -213,6 +218,15 @@ def open_npz(path: Path) -> Iterator[Archive]:
         raise InputError(
             f"{path}: cannot be read as .npz ({one_line(error)}), expected plain numeric arrays; save it with np.savez"
         ) from error
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """The shape, whether it is in Fortran's order, and the type at a .npy's start."""
+    version = np.lib.format.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"it is of the unknown .npy version {version}")
+    reads = np.lib.format
+    return reads.read_array_header_1_0(file) if version == (1, 0) else reads.read_array_header_2_0(file)
 
 
 def _coordinates(array: np.ndarray) -> np.ndarray:
