@@ -9,6 +9,9 @@ from stages.ingest.messages import unreadable
 from stages.ingest.order import Key, natural_key
 
 
+_OWN_OUTPUT = {"model.npz": "model.json", "posed.ply": "pose.json"}  # and what is written beside it
+
+
 def natural_order(path: Path) -> tuple[Key, str]:
     """A sort key that puts frame_2 before frame_10."""
     return natural_key(path.name)
@@ -33,6 +36,16 @@ def is_folder(path: Path) -> bool:
 def visible_files(folder: Path) -> list[Path]:
     """The files of a folder in natural order, without hidden ones. Raises InputError where it cannot be listed."""
     return [entry for entry in visible_entries(folder) if is_file(entry)]
+
+
+def input_files(folder: Path) -> list[Path]:
+    """The files of a folder that may be input, as `visible_files`: without a model and posed points that we wrote."""
+    return [file for file in visible_files(folder) if not is_own_output(file)]
+
+
+def is_own_output(file: Path) -> bool:
+    """Whether a file is a model's arrays or the points of a pose."""
+    return file.name in _OWN_OUTPUT and is_file(file.with_name(_OWN_OUTPUT[file.name]))
 
 
 def visible_folders(folder: Path) -> list[Path]:

@@ -16,7 +16,7 @@ from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_arr
 from stages.ingest.formats.npz_frames import find_frames, holds_one_cloud, read_npz_frames
 from stages.ingest.formats.rows import Points
 from stages.ingest.formats.tables import looks_like_table
-from stages.ingest.listing import is_file, is_folder, visible_files, visible_folders
+from stages.ingest.listing import input_files, is_file, is_folder, visible_folders
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, too_large, unreadable
 from stages.ingest.order import in_order
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_points
@@ -61,7 +61,7 @@ def frame_files(folder: Path) -> list[Path]:
 
     Files that may hold something else (.txt, .csv, .npz, ...) are frames where no others are and they look like it.
     """
-    files = visible_files(folder)
+    files = input_files(folder)
     certain = [file for file in files if is_state(file) or file.suffix.lower() in _CERTAIN_SUFFIXES]
     found = certain or [file for file in files if _looks_like_frame(file)]
     by_name = {file.name: file for file in found}
@@ -137,16 +137,14 @@ def _report_order(folder: Path, files: list[Path]) -> None:
         _log.warning("%s: %s", folder, order.message())
     if files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
         kind = files[0].suffix.lower()
-        if left_out := [
-            file.name for file in visible_files(folder) if file not in files and file.suffix.lower() == kind
-        ]:
+        if left_out := [file.name for file in input_files(folder) if file not in files and file.suffix.lower() == kind]:
             more = ", ..." if len(left_out) > 3 else ""
             _log.warning("%s: %s hold no points and are left out", folder, ", ".join(left_out[:3]) + more)
 
 
 def _without_frames(folder: Path) -> str:
     """What is wrong with a folder without frames."""
-    others = [file.name for file in visible_files(folder)]
+    others = [file.name for file in input_files(folder)]
     if folders := frame_folders(folder):
         return folders
     nested = _frames_below(folder)

@@ -18,7 +18,7 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import is_file, is_folder, visible_entries, visible_files
+from stages.ingest.listing import input_files, is_file, is_folder, is_own_output, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES
@@ -270,7 +270,7 @@ def _source_at(entry: Path) -> FileSource | None:
 def _is_sequence(path: Path, certainly: bool = False) -> bool:
     if is_folder(path):
         return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME)
-    if path.name == _TRUTH_NAME:
+    if path.name == _TRUTH_NAME or is_own_output(path):
         return False
     return axes(path) in (0, 3)
 
@@ -282,7 +282,7 @@ def _holds_frames(folder: Path, certainly: bool = False) -> bool:
         return len(files) > 1 and not certainly
     kinds = {axes(file) for file in files}
     if kinds == {0}:
-        return all(axes(file) != 3 for file in visible_files(folder))
+        return all(axes(file) != 3 for file in input_files(folder))
     return 2 in kinds
 
 

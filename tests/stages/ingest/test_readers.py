@@ -287,3 +287,20 @@ def test_a_damaged_npy_header_ends_in_one_line(tmp_path: Path) -> None:
         data = (tmp_path / "a.npz").read_bytes()
         (tmp_path / "a.npz").write_bytes(data.replace(old, new, 1))
         refusal(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".ply"])
+def test_a_model_and_a_pose_beside_the_frames_are_no_frames(tmp_path: Path, suffix: str) -> None:
+    for index in range(2):
+        match suffix:
+            case ".npz":
+                np.savez(tmp_path / f"f{index}.npz", points=np.ones((40, 3)))
+            case ".csv":
+                np.savetxt(tmp_path / f"f{index}.csv", np.ones((40, 3)), delimiter=",")
+            case _:
+                write_ply(tmp_path / f"f{index}.ply", np.ones((40, 3)))
+    np.savez(tmp_path / "model.npz", points=np.ones((40, 3)), labels=np.zeros(40))
+    write_ply(tmp_path / "posed.ply", np.ones((40, 3)))
+    for name in ("model.json", "pose.json"):
+        (tmp_path / name).write_text("{}")
+    assert [frame.name for frame in read_frames(tmp_path)] == [f"f0{suffix}", f"f1{suffix}"]

@@ -427,3 +427,12 @@ def test_an_unreadable_table_beside_sequences_is_left_alone(tmp_path: Path, monk
 
     monkeypatch.setattr(Path, "open", refused)
     assert names(tmp_path) == ["a"]
+
+
+def test_models_in_a_data_set_are_no_sequences(tmp_path: Path) -> None:
+    np.save(tmp_path / "stack.npy", np.ones((2, 40, 3)))
+    (tmp_path / "out").mkdir()
+    for folder in (tmp_path, tmp_path / "out"):
+        np.savez(folder / "model.npz", points=np.ones((80, 3)), poses=np.ones((2, 1, 4, 4)))
+        (folder / "model.json").write_text("{}")
+    assert names(tmp_path) == ["stack"]
