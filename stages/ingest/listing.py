@@ -8,7 +8,6 @@ from schemas.errors import InputError
 from stages.ingest.messages import unreadable
 from stages.ingest.order import Key, natural_key
 
-
 _OWN_OUTPUT = {"model.npz": "model.json", "posed.ply": "pose.json"}  # and what is written beside it
 
 
