@@ -13,10 +13,11 @@ import numpy as np
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, npy_header, points_shape
+from stages.ingest.formats.disguises import disguise
 from stages.ingest.formats.npz_frames import find_frames, holds_one_cloud, read_npz_frames
 from stages.ingest.formats.rows import Points
 from stages.ingest.formats.tables import looks_like_table
-from stages.ingest.listing import input_files, is_file, is_folder, visible_folders
+from stages.ingest.listing import input_files, is_file, is_folder, left_out, visible_folders
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, too_large, unreadable
 from stages.ingest.order import in_order
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_points
@@ -118,11 +119,12 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
             "since their order is unclear; move the others away"
         )
     _check_frame_count(folder, len(files), every)
-    _report_order(folder, files)
+    organised = all(axes(file) == 3 for file in files)
+    _report(folder, files, organised)
     frames, left = [], max_points
     for file in files[::every]:
         try:
-            points = read_state_points(file) if is_state(file) else read_points(file, left)
+            points = read_state_points(file) if is_state(file) else read_points(file, left, organised)
             check_count(len(points), left)
         except TooLargeError as error:
             raise too_large(file, error, max_points) from error
@@ -131,15 +133,28 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
     return frames
 
 
-def _report_order(folder: Path, files: list[Path]) -> None:
+def _report(folder: Path, files: list[Path], organised: bool) -> None:
+    """Warn of what is not plain in the frames of a folder."""
     order = in_order([file.name for file in files])
     if order.doubt:
         _log.warning("%s: %s", folder, order.message())
-    if files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
-        kind = files[0].suffix.lower()
-        if left_out := [file.name for file in input_files(folder) if file not in files and file.suffix.lower() == kind]:
-            more = ", ..." if len(left_out) > 3 else ""
-            _log.warning("%s: %s hold no points and are left out", folder, ", ".join(left_out[:3]) + more)
+    kind = files[0].suffix.lower()
+    others = [file.name for file in input_files(folder) if file not in files and file.suffix.lower() == kind]
+    if others and kind in AMBIGUOUS_SUFFIXES:
+        _log.warning("%s: %s hold no points and are left out", folder, _first(others))
+    if missing := left_out(folder, (kind,)):
+        _log.warning("%s: left out %s", folder, _first(missing))
+    if organised:
+        _log.warning(
+            "%s: took each .npy for the rows and columns of one frame; "
+            "where each is a whole sequence, give the folder to `reart run --data`",
+            folder,
+        )
+
+
+def _first(names: list[str]) -> str:
+    """At most three names in one line."""
+    return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
 
 
 def _without_frames(folder: Path) -> str:
@@ -153,11 +168,24 @@ def _without_frames(folder: Path) -> str:
             f"found no frames, but folders with frames ({', '.join(sequences[:3])}), expected one of them; "
             "give that, or all of them to `reart run --data`"
         )
-    more = ", ..." if len(others) > 3 else ""
-    found = f"no frame among {', '.join(others[:3])}{more}" if others else "an empty folder"
+    if missing := left_out(folder, FRAME_SUFFIXES):
+        return f"found no frames but {_first(missing)}, {_EXPECTED}; fetch or rename the files"
+    odd = next((file for file in input_files(folder) if file.suffix.lower() in AMBIGUOUS_SUFFIXES), None)
+    if odd is not None and (reason := _why_no_frame(odd)):
+        return f"found no frame among {_first(others)}, {_EXPECTED}; {odd.name}: {reason}"
+    found = f"no frame among {_first(others)}" if others else "an empty folder"
     if not others and nested:
         found = f"only folders without frames ({', '.join(below.name for below, _ in nested[:3])})"
     return f"found {found}, {_EXPECTED}; convert the files or check the path"
+
+
+def _why_no_frame(file: Path) -> str:
+    """What is wrong with a file that may have been meant as a frame."""
+    try:
+        read_points(file)
+    except InputError as error:
+        return str(error).removeprefix(f"{file}: ")
+    return ""
 
 
 def frame_folders(folder: Path) -> str:
@@ -210,6 +238,8 @@ def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points
     except OSError as error:
         raise unreadable(path, error) from error
     except ValueError as error:
+        if found := disguise(path):
+            raise InputError(f"{path}: {found}") from error
         raise InputError(
             f"{path}: cannot be read as .npy ({one_line(error)}), expected plain numbers; save it with np.save"
         ) from error

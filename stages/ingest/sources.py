@@ -18,10 +18,10 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import input_files, is_file, is_folder, is_own_output, visible_entries
+from stages.ingest.listing import input_files, is_file, is_folder, is_own_output, left_out, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
-from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES
+from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES
 from stages.ingest.readers import Frame, axes, check_every, frame_files, frame_folders, read_frames
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.truth import read_truth, truth_files
@@ -262,15 +262,17 @@ def file_source(path: Path) -> FileSource:
 def _source_at(entry: Path) -> FileSource | None:
     """The sequence at an entry of a data set; one that fails when it is loaded where the system tells us nothing."""
     try:
-        return file_source(entry) if _is_sequence(entry) else None
+        if not _is_sequence(entry):
+            return None
+        return file_source(entry) if entry.exists() else FileSource(_safe_name(entry.stem), entry)
     except InputError:
         return FileSource(_safe_name(entry.name), entry)
 
 
 def _is_sequence(path: Path, certainly: bool = False) -> bool:
     if is_folder(path):
-        return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME)
-    if path.name == _TRUTH_NAME or is_own_output(path):
+        return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME) or _is_unfetched(path, certainly)
+    if path.name == _TRUTH_NAME or is_own_output(path) or not (is_file(path) or path.is_symlink()):
         return False
     return axes(path) in (0, 3)
 
@@ -284,6 +286,11 @@ def _holds_frames(folder: Path, certainly: bool = False) -> bool:
     if kinds == {0}:
         return all(axes(file) != 3 for file in input_files(folder))
     return 2 in kinds
+
+
+def _is_unfetched(folder: Path, certainly: bool) -> bool:
+    """Whether a folder without other files holds links to frames that are not there."""
+    return not certainly and not input_files(folder) and bool(left_out(folder, FRAME_SUFFIXES, hidden=False))
 
 
 def _holds_many(path: Path) -> bool:

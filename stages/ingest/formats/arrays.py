@@ -17,6 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from schemas.errors import InputError
+from stages.ingest.formats.disguises import disguise
 from stages.ingest.formats.rows import Points
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, unreadable
 
@@ -91,6 +92,8 @@ def map_array(path: Path) -> np.ndarray:
     except ValueError as error:
         if "Python objects" in str(error):  # numpy's advice is to unpickle
             raise ValueError(f"found Python objects, which are never unpickled; {PER_FRAME}") from error
+        if "magic string" in str(error):
+            raise ValueError("found no .npy header") from error
         raise
     except _HEADER_ERRORS as error:
         raise ValueError(f"found a damaged header ({one_line(error)})") from error
@@ -111,6 +114,13 @@ def read_npy(path: Path, most: int) -> Points:
     array = map_array(path)
     check_count(len(array) if array.ndim else 0, most)
     return as_points(np.asarray(array))
+
+
+def read_organised(path: Path, most: int) -> Points:
+    """The points of a .npy file of the rows and columns of one frame, as `read_npy`."""
+    array = map_array(path)
+    check_count(math.prod(array.shape[:2]), most)
+    return as_points(np.asarray(array).reshape(-1, *array.shape[2:]))
 
 
 def load_npz(path: Path, wanted: Collection[str] | None = None, most_bytes: int = _MOST_BYTES) -> dict[str, np.ndarray]:
@@ -208,6 +218,8 @@ def open_npz(path: Path) -> Iterator[Archive]:
     except MemoryError as error:
         raise out_of_memory(path) from error
     except Exception as error:  # zip and its compressors have many ways to say that a file is damaged
+        if (found := disguise(path)) and not zipfile.is_zipfile(path):
+            raise InputError(f"{path}: {found}") from error
         raise InputError(
             f"{path}: cannot be read as .npz ({one_line(error)}), expected plain numeric arrays; save it with np.savez"
         ) from error

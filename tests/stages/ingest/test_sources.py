@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import subprocess
 import sys
@@ -436,3 +437,15 @@ def test_models_in_a_data_set_are_no_sequences(tmp_path: Path) -> None:
         np.savez(folder / "model.npz", points=np.ones((80, 3)), poses=np.ones((2, 1, 4, 4)))
         (folder / "model.json").write_text("{}")
     assert names(tmp_path) == ["stack"]
+
+
+def test_a_folder_of_links_to_nothing_is_a_sequence_that_fails(tmp_path: Path) -> None:
+    write_frames(tmp_path / "a")
+    (tmp_path / "b").mkdir()
+    for index in range(2):
+        (tmp_path / "b" / f"{index}.ply").symlink_to(tmp_path / "unfetched")
+    (tmp_path / "c.npy").symlink_to(tmp_path / "unfetched")
+    os.mkfifo(tmp_path / "d.npy")
+    assert names(tmp_path) == ["a", "b", "c"]
+    with pytest.raises(InputError, match=r"0\.ply \(a link to nothing\)"):
+        list_sources(CONFIG, tmp_path)[1].load(CONFIG, np.random.default_rng(0))
