@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-LONGEST_FIELD, LONGEST_VALUE, LONGEST_FAULT = 120, 40, 400  # characters shown
+LONGEST_NAME, LONGEST_FIELD, LONGEST_VALUE, LONGEST_FAULT = 80, 120, 40, 400  # characters shown
 HUGE = 10**LONGEST_VALUE
 
 
@@ -61,6 +61,11 @@ def shortened(text: str, most: int) -> str:
     line = " ".join(text[: most + 1].split())
     line = "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in line)
     return line if max(len(text), len(line)) <= most else f"{line[:most]}..."
+
+
+def quoted(text: str | None) -> str:
+    """A name or a word of the user's, quoted, and cut where it is long."""
+    return repr(text) if text is None or len(text) <= LONGEST_NAME else f"{text[:LONGEST_NAME]!r}..."
 
 
 def _brief(value: str | int | float) -> str:
