@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import os
 
+from pydantic import ValidationError
+
 from pipeline.store import ArtifactError
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 
 AGAIN = "then give the same command again: what is complete is kept"
 ADVICE = {
@@ -35,6 +37,8 @@ def one_line(error: BaseException) -> str:
     match error:
         case InputError() | ArtifactError() | ProcessDied():
             return text
+        case ValidationError():
+            return first_fault(error, error.title)
         case OSError(errno=errno.ENAMETOOLONG, filename=where):
             return f"{_shortened(os.fsdecode(where))}: found a name too long for this system; give a shorter one"
         case OSError(errno=int(code), strerror=str(said)):

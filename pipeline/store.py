@@ -25,6 +25,7 @@ from pipeline.arrays import AnyArtifact, arrays_of, assemble, pack, payload_of, 
 from pipeline.files import ANY_PARTIAL, naming_file, remove_abandoned
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
+from schemas.errors import first_fault
 from schemas.manifest import ArrayEntry, Manifest, Provenance
 from schemas.seal import sha256
 
@@ -125,8 +126,10 @@ def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
     arrays = {entry.name: read_entry(directory, entry, contents) for entry in manifest.arrays}
     try:
         return assemble(schema, manifest.payload, arrays)
-    except (ValidationError, KeyError) as error:
-        raise CorruptArtifactError(directory, f"not a {schema.__name__}: {' '.join(str(error).split())}") from error
+    except ValidationError as error:
+        raise CorruptArtifactError(directory, f"not a {schema.__name__}: {first_fault(error)}") from error
+    except KeyError as error:
+        raise CorruptArtifactError(directory, f"not a {schema.__name__}: found no array {error}") from error
 
 
 def read_files(directory: Path) -> dict[str, bytes]:
@@ -140,9 +143,7 @@ def read_manifest(directory: Path) -> Manifest:
         content = json.loads((directory / MANIFEST).read_bytes())
         manifest = Manifest.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"]))
-        raise CorruptArtifactError(directory, f"{MANIFEST}: field {field or '(all)'}: {first['msg']}") from error
+        raise CorruptArtifactError(directory, f"{MANIFEST}: {first_fault(error)}") from error
     except (ValueError, RecursionError) as error:
         raise CorruptArtifactError(directory, f"{MANIFEST}: not readable as JSON ({error})") from error
     except (OSError, MemoryError) as error:

@@ -12,7 +12,7 @@ from jaxtyping import Float64, Int64
 from pydantic import BaseModel, Field, ValidationError
 
 from schemas.artifact import GREATEST
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 from schemas.sequence import TrueJoint
 from stages.ingest.formats.arrays import load_npz
 from stages.ingest.listing import is_file, is_folder
@@ -182,9 +182,7 @@ def _read_tree(path: Path) -> _TreeFile | None:
     try:
         return _TreeFile.model_validate_json(path.read_bytes())
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(key) for key in first["loc"]) or "the file"
-        raise InputError(f"{path}: {field}: {first['msg']}; expected root, edges_child_parent and links") from error
+        raise InputError(f"{path}: {first_fault(error)}; expected root, edges_child_parent and links") from error
     except OSError as error:
         raise unreadable(path, error) from error
 
