@@ -171,8 +171,8 @@ def _without_frames(folder: Path) -> str:
     if missing := left_out(folder, FRAME_SUFFIXES):
         return f"found no frames but {_first(missing)}, {_EXPECTED}; fetch or rename the files"
     odd = next((file for file in input_files(folder) if file.suffix.lower() in AMBIGUOUS_SUFFIXES), None)
-    if odd is not None and (reason := _why_no_frame(odd)):
-        return f"found no frame among {_first(others)}, {_EXPECTED}; {odd.name}: {reason}"
+    if odd is not None:
+        return f"found no frame among {_first(others)}, {_EXPECTED}; {odd.name}: {_why_no_frame(odd)}"
     found = f"no frame among {_first(others)}" if others else "an empty folder"
     if not others and nested:
         found = f"only folders without frames ({', '.join(below.name for below, _ in nested[:3])})"
@@ -185,7 +185,7 @@ def _why_no_frame(file: Path) -> str:
         read_points(file)
     except InputError as error:
         return str(error).removeprefix(f"{file}: ")
-    return ""
+    return "found no points"
 
 
 def frame_folders(folder: Path) -> str:
