@@ -22,7 +22,7 @@ from stages.ingest.listing import input_files, is_file, is_folder, is_own_output
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES
-from stages.ingest.readers import Frame, axes, check_every, frame_files, frame_folders, read_frames
+from stages.ingest.readers import Frame, axes, check_every, clouds, frame_files, frame_folders, read_frames
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.truth import read_truth, truth_files
 
@@ -295,7 +295,7 @@ def _is_unfetched(folder: Path, certainly: bool) -> bool:
 
 def _holds_many(path: Path) -> bool:
     try:
-        return not is_folder(path) or len(frame_files(path)) > 1
+        return not is_folder(path) or len(clouds(frame_files(path))) > 1
     except InputError:
         return False
 
