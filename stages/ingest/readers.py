@@ -127,7 +127,7 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
             "since their order is unclear; move the others away"
         )
     _check_frame_count(folder, len(files), every)
-    organised = all(axes(file) == 3 for file in files)
+    organised = _are_organised(files)
     _report(folder, files, organised)
     frames, left = [], max_points
     for file in files[::every]:
@@ -139,6 +139,13 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
         left -= len(points)
         frames.append(Frame(file.name, points))
     return frames
+
+
+def _are_organised(files: list[Path]) -> bool:
+    """Whether numbered .npy files of one shape hold the rows and columns of a frame each."""
+    if in_order([file.name for file in files]).doubt or any(axes(file) != 3 for file in files):
+        return False
+    return len({npy_header(file)[0] for file in files}) == 1
 
 
 def _report(folder: Path, files: list[Path], organised: bool) -> None:

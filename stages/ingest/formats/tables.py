@@ -19,7 +19,7 @@ from typing import IO
 import numpy as np
 
 from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, fields, number, numbers
-from stages.ingest.formats.rows import Points
+from stages.ingest.formats.rows import Points, declared_count
 from stages.ingest.messages import check_count
 
 _log = logging.getLogger("rearticulate.ingest")
@@ -37,6 +37,7 @@ _SAMPLE = 50  # rows that tell the layout
 _COMMENT = re.compile(r"(^|[\s,;])(#|//|%).*")  # not the # in 1.#QNAN
 _OFF = re.compile(r"(ST)?C?N?4?OFF", re.IGNORECASE)
 _LISTS = re.compile(r"\s*[\[(]\s*([\[(][^\[\](),]*(,[^\[\](),]*){2,}[\])]\s*,?\s*){5}")  # as JSON has them in one line
+_WHOLE = re.compile("[0-9]{1,12}")
 _FEWEST_VERTICES = 5
 _BEFORE_NAMES = "#/% \t"
 _AFTER_NAME = re.compile(r"\s*[\[(].*[\])]$|[ _](m|cm|mm)$")  # a unit
@@ -99,7 +100,7 @@ class _Counts:
     """The counts of rows that a .pts file writes before them, and what is there."""
 
     def __init__(self, header: list[str], most: int) -> None:
-        self.declared = [int(line) for line in header if line.isdigit()]
+        self.declared = [declared_count(line) for line in header if line.isdigit()]
         self.most = most
 
     def rows(self, lines: Iterable[str]) -> Iterator[str]:
@@ -107,7 +108,7 @@ class _Counts:
         found = 0
         for line in lines:
             if self.declared and line.isdigit():
-                self.declared.append(int(line))
+                self.declared.append(declared_count(line))
                 continue
             found += 1
             check_count(found, self.most)
@@ -129,7 +130,7 @@ class _Vertices:
         self.sure = bool(header) and _OFF.fullmatch(header[0]) is not None
         words = sample[0].split()
         self.first: list[int] = []
-        whole = len(sample) > 1 and len(words) == 3 and all(map(str.isdecimal, words))
+        whole = len(sample) > 1 and len(words) == 3 and all(map(_WHOLE.fullmatch, words))
         if whole and (self.sure or ("." in sample[1] and int(words[0]) >= _FEWEST_VERTICES)):
             self.first = [int(word) for word in words]
             del sample[0], header[: int(self.sure)]

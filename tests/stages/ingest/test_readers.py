@@ -395,3 +395,10 @@ def test_lists_of_odd_lengths_are_refused(tmp_path: Path, length: float) -> None
 def test_no_frame_at_all_is_said_so(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.ones((0, 40, 3)))
     assert "found no frame, expected at least 2" in refusal(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("stacks", [{"lamp": (5, 40, 3), "door": (5, 40, 3)}, {"0": (5, 40, 3), "1": (6, 40, 3)}])
+def test_a_folder_of_whole_sequences_is_no_sequence(tmp_path: Path, stacks: dict[str, tuple[int, ...]]) -> None:
+    for name, shape in stacks.items():
+        np.save(tmp_path / f"{name}.npy", np.ones(shape))
+    assert "give that file itself as the sequence" in refusal(tmp_path)

@@ -189,6 +189,7 @@ def test_a_first_row_of_whole_numbers_may_be_a_point(tmp_path: Path, first: str)
         ("[" + ", ".join(["[1.0, 2.0, 3.0]"] * 40) + "]\n", "found all points in one line"),
         ("[" + ", ".join(["[1.0, 2.0, 3.0]"] * 9000) + "]\n", "found all points in one line"),
         ("x,y,z\n", "'x,y,z'"),
+        ("9" * 5000 + "\n" + "\n".join(OFF_ROWS), "found a count of '99999999999999999999', expected a number"),
         ("1,2 3\n4,5 6\n", "'1,2 3'"),
         ("# only a comment\n", "'# only a comment'"),
     ],
