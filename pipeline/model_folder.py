@@ -46,6 +46,12 @@ def read_model_folder(folder: Path) -> Result:
         raise InputError(f"{npz_path}: {first_fault(error)}; fit the model anew") from error
     if not len(result.labels):
         raise InputError(f"{npz_path}: labels: found none, expected one for each point; fit the model anew")
+    for part, count in zip(model.parts, np.bincount(result.labels, minlength=len(model.parts)), strict=True):
+        if part.point_count != count:
+            raise InputError(
+                f"{json_path}: parts.{part.id}.point_count: found {part.point_count}, expected {count} as the labels "
+                "of model.npz have; take both files from one fit, or correct it"
+            )
     return result
 
 

@@ -127,6 +127,12 @@ def test_a_model_of_another_version_is_refused(folder):
         read_model_folder(folder)
 
 
+def test_parts_of_other_counts_than_the_labels_are_refused(folder):
+    edit(folder, lambda content: content["parts"][1].update(point_count=7))
+    with pytest.raises(InputError, match=r"model\.json: parts\.1\.point_count: found 7, expected 2 as the labels"):
+        read_model_folder(folder)
+
+
 def test_a_model_of_an_earlier_release_tells_no_digests_and_is_read(folder, samples):
     edit(folder, lambda content: None)
     assert read_model_folder(folder).model == samples["result"].model
