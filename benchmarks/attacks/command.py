@@ -21,6 +21,7 @@ SECONDS = 120.0  # that a command may take
 GIB = 2.0  # that one of its processes may hold; an ordinary one needs 0.5
 ADDRESS_SPACE = 24 * 2**30  # bytes, what the machine is guarded by; the libraries map several GiB
 POLL = 0.05  # seconds
+PATIENCE = 2.0  # seconds that processes may take to end after their command
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def run(
             **streams,
         )
         code, peak = _watch(process, started + seconds, gib)
-        left = tuple(_command_of(pid) for pid in alive(process.pid, patience=2.0))
+        left = tuple(_command_of(pid) for pid in alive(process.pid, PATIENCE))
         end_session(process.pid)
         said = [_text(file) for file in (out, err)] if terminal is None else [terminal.text(), ""]
         return Ran(code, *said, time.monotonic() - started, peak, left)

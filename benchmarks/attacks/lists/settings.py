@@ -9,7 +9,8 @@ REFUSED: tuple[Verdict, ...] = ("refused",)
 
 
 def setting(text: str, may: tuple[Verdict, ...] = REFUSED, seconds: float = 60) -> Case:
-    return Case(f"--set {text[:60]}", f"{FIT} --set {quoted(text)}", given("frames"), may=may, seconds=seconds,
+    name = f"--set {text}" if len(text) < 60 else f"--set {text[:40]}... of {len(text)}"
+    return Case(name, f"{FIT} --set {quoted(text)}", given("frames"), may=may, seconds=seconds,
                 check=lambda folder, ran: "" if ran.seconds < 40 else f"took {ran.seconds:.0f} s")
 
 
