@@ -1,17 +1,17 @@
 """Whether anything breaks: `python benchmarks/resilience.py [flips|kills|hostile ...] [--seed 0] [--only NAME ...]`.
 
-It makes two boxes with a hinge (6 frames of 400 points), fits them with the small settings of attacks/tiny.toml, and then
-damages, kills and misleads what is there. It needs no data and writes into a temporary folder.
+It makes two boxes with a hinge (6 frames of 400 points), fits them with the small settings of attacks/tiny.toml, and
+then damages, kills and misleads what is there. It needs no data and writes into a temporary folder.
 
-- flips: single bytes flipped (and some files cut or removed) in the artifacts and in the delivered folder of a fit; each must
-  be found by what reads it, or make no difference. A few go through `reart status --check`, `evaluate` and `run`.
-- kills: SIGKILL at random moments of a fit, while it delivers too, to all its processes or to one; the same command must
+- flips: single bytes flipped (and some files cut or removed) in the artifacts and the delivered folder of a fit; each
+  must be found by what reads it, or make no difference. A few go through `reart status --check`, `evaluate` and `run`.
+- kills: SIGKILL at random moments of a fit, while it delivers too, to all its processes or one; the same command must
   then succeed, with the same model, with everything complete kept and nothing left over.
-- hostile: the inputs of attacks/lists, by the real command line, under limits of time and memory; each must be refused in one
-  line with exit code 2, accepted without harm, or fail with exit code 1 and a cause that is shown where its case says so.
+- hostile: the inputs of attacks/lists, by the real command line, under limits of time and memory; each must be refused
+  in one line with exit code 2, be accepted without harm, or, where its case says so, fail with exit code 1 and a cause.
 
-As root it also tries full disks and files of others. The record goes to results/resilience-DATE.json and .md; the exit code
-is 0 only where all is well.
+As root it also tries full disks and files of others. The record goes to results/resilience-DATE.json and .md; the exit
+code is 0 only where all is well.
 """
 
 from __future__ import annotations
@@ -102,7 +102,9 @@ def main(words: list[str] | None = None) -> int:
         if "kills" in arguments.attacks:
             tick = step(progress, "kills", arguments.kills)
             found = kills.attack(prepared, folder / "kills", arguments.kills, rng, tick)
-            tallies.append(tally("kills", ["survived" if not kill.faults else "broken" for kill in found], ("survived",)))
+            tallies.append(
+                tally("kills", ["survived" if not kill.faults else "broken" for kill in found], ("survived",))
+            )
             findings += [Finding(what=f"kill: {kill.plan}", reasons=kill.faults) for kill in found if kill.faults]
         if cases:
             tick = step(progress, "hostile", len(cases))
@@ -161,7 +163,9 @@ def flip_findings(what: str, found: Sequence[flips.Flip]) -> list[Finding]:
     return [
         Finding(
             what=f"{what}: {file}",
-            reasons=(f"{verdict}: {', '.join(f'{flip.how} at {flip.offset}' for flip in group[:5])}, {len(group)} in all",),
+            reasons=(
+                f"{verdict}: {', '.join(f'{flip.how} at {flip.offset}' for flip in group[:5])}, {len(group)} in all",
+            ),
             said=group[0].said,
         )
         for (file, verdict), group in by_file.items()

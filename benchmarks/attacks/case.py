@@ -17,7 +17,12 @@ Verdict = Literal["refused", "accepted", "failed", "broken", "skipped"]
 Maker = Callable[[Path, Prepared], None]
 Check = Callable[[Path, Ran], str]  # what is wrong with what came of it; empty where nothing is
 
-WRITABLE = ("out", "workdir", "tmp", "model/workdir")  # what a command may change in its folder, unless a case says more
+WRITABLE = (
+    "out",
+    "workdir",
+    "tmp",
+    "model/workdir",
+)  # what a command may change in its folder, unless a case says more
 
 
 def nothing(folder: Path, prepared: Prepared) -> None:

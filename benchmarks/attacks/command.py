@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import resource
@@ -56,7 +57,7 @@ def install(folder: Path) -> Path:
 
 
 def environment(folder: Path, bin_folder: Path, preset: Path) -> dict[str, str]:
-    """That of a command: this tree's reart, its small settings as $TINY, and a folder of its own for what is temporary."""
+    """That of a command: this tree's reart, small settings as $TINY, and a folder for what is temporary."""
     temporary = folder / "tmp"
     temporary.mkdir(exist_ok=True)
     temporary.chmod(0o777)
@@ -172,10 +173,8 @@ def alive(leader: int, patience: float) -> list[int]:
 
 def end_session(leader: int) -> None:
     for pid in session(leader):
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            continue
 
 
 def resident(pid: int) -> float:

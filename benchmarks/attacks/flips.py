@@ -148,7 +148,7 @@ def judge_command(command: str, prepared: Prepared, folder: Path) -> tuple[Found
     before = _figures(evaluation)
     ran = prepared.run(COMMANDS[command], folder)
     verdict, wrong = outcome(ran)
-    if ran.traceback or wrong and verdict == "broken" and ran.code not in (1, 2):
+    if ran.traceback or (wrong and verdict == "broken" and ran.code not in (1, 2)):
         return "escaped", "; ".join(wrong) or ran.err[-300:]
     if ran.code != 0:
         return "found", " ".join(ran.words.split())[-300:]

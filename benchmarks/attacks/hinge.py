@@ -1,4 +1,4 @@
-"""Two boxes with a hinge between them: the sequence that everything here is done to, and what is computed of it once."""
+"""Two boxes with a hinge between them: the sequence that all is done to, and what is computed of it once."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def write_sequence(folder: Path, seed: int = 0) -> None:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A folder with `frames` and their `model`, another `lid` and its `lid_model`; a data set `data`, and its `workdir`."""
+    """A folder: `frames` and their `model`, another sequence `lid` and `lid_model`; a data set `data` and `workdir`."""
 
     folder: Path
 

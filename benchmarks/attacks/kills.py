@@ -1,7 +1,8 @@
-"""Kills at random moments of a fit: the same command then succeeds, with the same model, and nothing is lost or left."""
+"""Kills at random moments of a fit: the same command then makes the same model, and nothing is lost or left."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -56,7 +57,9 @@ def plans(count: int, run_seconds: float, rng: np.random.Generator) -> list[Plan
     found = []
     for index in range(count):
         delivering = index < DELIVERY_SHARE * count
-        targets: tuple[Target, ...] = ("all", "command line") if delivering else ("all", "command line", "engine", "worker")
+        targets: tuple[Target, ...] = (
+            ("all", "command line") if delivering else ("all", "command line", "engine", "worker")
+        )
         seconds = float(rng.uniform(0, 0.03 if delivering else run_seconds))
         found.append(Plan(targets[int(rng.integers(len(targets)))], delivering, seconds, bool(rng.integers(2))))
     return found
@@ -93,7 +96,9 @@ def kill_one(prepared: Prepared, folder: Path, plan: Plan, expected: str) -> Kil
     if plan.delivering:  # all is computed: what is left to do is to deliver
         shutil.copytree(prepared.folder / "model" / "workdir", out / "workdir")
     if plan.over_another:
-        shutil.copytree(prepared.folder / "lid_model", out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("workdir"))
+        shutil.copytree(
+            prepared.folder / "lid_model", out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("workdir")
+        )
     shared = set(os.listdir(SHARED_MEMORY))
     with Watch(out) as watch:
         killed, code = run_and_kill(prepared, folder, plan)
@@ -169,10 +174,8 @@ def children(parent: int) -> list[int]:
 
 
 def _kill(pid: int) -> None:
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.kill(pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
 
 
 class Watch:
@@ -227,9 +230,7 @@ def stamps(folder: Path) -> dict[str, int]:
 
 def completed(out: Path) -> dict[str, int]:
     """The complete artifacts, and when they were."""
-    return {
-        path.parent.name: path.stat().st_mtime_ns for path in out.glob(f"workdir/*/*/*/{store.MANIFEST}")
-    }
+    return {path.parent.name: path.stat().st_mtime_ns for path in out.glob(f"workdir/*/*/*/{store.MANIFEST}")}
 
 
 def fingerprint(out: Path) -> str:

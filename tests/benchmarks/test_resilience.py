@@ -98,7 +98,9 @@ def test_terminal_is_one(ran):
 
 def test_victims_and_strange_files_break_a_case(attacks, prepared, tmp_path):
     made = attacks["makers"].file("victim", "precious")
-    judged = verdict_on(attacks, prepared, tmp_path, "echo worthless > victim; touch strange; mkdir out; touch out/a", make=made)
+    judged = verdict_on(
+        attacks, prepared, tmp_path, "echo worthless > victim; touch strange; mkdir out; touch out/a", make=made
+    )
     assert judged.verdict == "broken"
     assert judged.reasons == ("changed strange", "changed victim")
 

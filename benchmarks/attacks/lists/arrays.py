@@ -13,9 +13,22 @@ import numpy as np
 
 from attacks.case import Case, Check, Maker, similar
 from attacks.hinge import Prepared, hinge
-from attacks.lists.makers import FIT, GIB, all_of, both, file, found, given, npy_head, npy_literal, said, sparse, zeros_in_zip
+from attacks.lists.makers import (
+    FIT,
+    GIB,
+    all_of,
+    both,
+    file,
+    found,
+    given,
+    npy_head,
+    npy_literal,
+    said,
+    sparse,
+    zeros_in_zip,
+)
 
-NPZ, NPY = ('reart fit {} --out out --preset "$TINY"'.format(name) for name in ("frames.npz", "frames.npy"))
+NPZ, NPY = (f'reart fit {name} --out out --preset "$TINY"' for name in ("frames.npz", "frames.npy"))
 HUGE = (2, 70_000_000, 3)  # 3.4 GB of float64
 
 
@@ -26,19 +39,36 @@ class Touch:
         return open, ("victim", "w")
 
 
-def npz(name: str, arrays: Callable[[list[np.ndarray]], dict[str, Any]], must: bool = False,
-        check: Check | None = None, says: str = "", may: tuple[str, ...] | None = None) -> Case:
+def npz(
+    name: str,
+    arrays: Callable[[list[np.ndarray]], dict[str, Any]],
+    must: bool = False,
+    check: Check | None = None,
+    says: str = "",
+    may: tuple[str, ...] | None = None,
+) -> Case:
     """An .npz of what `arrays` makes of four frames."""
 
     def make(folder: Path, prepared: Prepared) -> None:
         np.savez(folder / "frames.npz", **arrays(hinge(frames=4, points=200)))
 
-    return Case(name, NPZ, make, may=may or (("accepted",) if must else ("refused", "accepted")),  # type: ignore[arg-type]
-                check=check or found(), says=says)
+    return Case(
+        name,
+        NPZ,
+        make,
+        may=may or (("accepted",) if must else ("refused", "accepted")),  # type: ignore[arg-type]
+        check=check or found(),
+        says=says,
+    )
 
 
-def npy(name: str, array: Callable[[np.ndarray], np.ndarray], may: tuple[str, ...] = ("refused",), says: str = "",
-        check: Check | None = None) -> Case:
+def npy(
+    name: str,
+    array: Callable[[np.ndarray], np.ndarray],
+    may: tuple[str, ...] = ("refused",),
+    says: str = "",
+    check: Check | None = None,
+) -> Case:
     """An .npy of what `array` makes of (4, 200, 3)."""
 
     def make(folder: Path, prepared: Prepared) -> None:
@@ -146,51 +176,103 @@ CASES = [
     npz("of MultiBodySync", multibody, must=True),
     npz("frames with colours", lambda f: {"points": np.concatenate([np.stack(f), 0 * np.stack(f)], axis=2)}, must=True),
     npz("geographic coordinates", lambda f: geographic(f, "f8"), must=True, check=all_of(found(diagonal=None), near)),
-    npz("geographic coordinates in single precision", lambda f: geographic(f, "f4"),
-        check=said("quanti|digits|resolution|precision|grid")),
+    npz(
+        "geographic coordinates in single precision",
+        lambda f: geographic(f, "f4"),
+        check=said("quanti|digits|resolution|precision|grid"),
+    ),
     npy("an array of objects", lambda stack: objects(list(stack)), says="one .npy"),
     npz("an array of objects in .npz", lambda f: {"points": objects(f)}, may=("refused",), says="one .npy"),
-    Case("two arrays of 3.4 GB", NPZ, zeros({"a.npy": npy_head(HUGE), "b.npy": npy_head(HUGE)}, size=10**9),
-         may=("refused",)),
+    Case(
+        "two arrays of 3.4 GB",
+        NPZ,
+        zeros({"a.npy": npy_head(HUGE), "b.npy": npy_head(HUGE)}, size=10**9),
+        may=("refused",),
+    ),
     Case("points of 3 GiB", NPZ, zeros({"points.npy": npy_head((2, 67_000_000, 3))}), may=("refused",)),
-    Case("a member of 3 GiB that is not needed", NPZ,
-         zeros({"video.npy": npy_head((3 * GIB,), "|u1")}, sound=True), may=("accepted",), check=found()),
-    Case("a member that is no array", NPZ, members(lambda stack: {"points.npy": saved(stack), "readme.txt": b"Hello"}),
-         may=("accepted",), check=found()),
+    Case(
+        "a member of 3 GiB that is not needed",
+        NPZ,
+        zeros({"video.npy": npy_head((3 * GIB,), "|u1")}, sound=True),
+        may=("accepted",),
+        check=found(),
+    ),
+    Case(
+        "a member that is no array",
+        NPZ,
+        members(lambda stack: {"points.npy": saved(stack), "readme.txt": b"Hello"}),
+        may=("accepted",),
+        check=found(),
+    ),
     *similar(
         Case("only a member that is no array", NPZ, members(lambda stack: {"readme.txt": b"Hello"}), may=("refused",)),
         Case("no members", NPZ, members(lambda stack: {}), may=("refused",)),
         Case("cut in the middle", NPZ, broken_zip, may=("refused",)),
         Case("a directory that lies", NPZ, lying_directory, may=("refused",), gib=1.5),
         Case("a member twice", NPZ, twice, check=found()),
-        Case("a member with a path upwards", NPZ,
-             members(lambda stack: {"../../victim.npy": saved(stack)}), check=found()),
-        Case("compressed by lzma", NPZ, members(lambda stack: {"points.npy": saved(stack)}, zipfile.ZIP_LZMA),
-             check=found()),
-        Case("compressed by bzip2", NPZ, members(lambda stack: {"points.npy": saved(stack)}, zipfile.ZIP_BZIP2),
-             check=found()),
-        Case("an archive in an archive", NPZ, members(lambda stack: {"points.npz": b"PK\x05\x06" + b"\0" * 18}),
-             may=("refused",)),
-        Case("a member that would run code", NPZ, members(lambda stack: {"points.npy": saved(np.array([Touch()]))}),
-             may=("refused",)),
+        Case(
+            "a member with a path upwards",
+            NPZ,
+            members(lambda stack: {"../../victim.npy": saved(stack)}),
+            check=found(),
+        ),
+        Case(
+            "compressed by lzma",
+            NPZ,
+            members(lambda stack: {"points.npy": saved(stack)}, zipfile.ZIP_LZMA),
+            check=found(),
+        ),
+        Case(
+            "compressed by bzip2",
+            NPZ,
+            members(lambda stack: {"points.npy": saved(stack)}, zipfile.ZIP_BZIP2),
+            check=found(),
+        ),
+        Case(
+            "an archive in an archive",
+            NPZ,
+            members(lambda stack: {"points.npz": b"PK\x05\x06" + b"\0" * 18}),
+            may=("refused",),
+        ),
+        Case(
+            "a member that would run code",
+            NPZ,
+            members(lambda stack: {"points.npy": saved(np.array([Touch()]))}),
+            may=("refused",),
+        ),
         Case("a bare pickle named .npy", NPY, file("frames.npy", pickle.dumps(Touch())), may=("refused",)),
-        Case("frames that would run code", FIT, object_folder,
-             may=("refused",), says="one .npy|plain|object"),
+        Case("frames that would run code", FIT, object_folder, may=("refused",), says="one .npy|plain|object"),
         npz("keys in another case", lambda f: {"Points": np.stack(f)}, check=found()),
-        npz("unequal frames with their labels", lambda f: {f"frame_{t}": p for t, p in enumerate(f)}
-            | {"labels": np.zeros((4, 200), dtype=int)}, check=found()),
-        npz("frames from 2 to 11", lambda f: {f"frame_{t}": p for t, p in
-                                              zip((2, 11, 3, 10), [f[0], f[3], f[1], f[2]], strict=True)},
-            check=found()),
-        npz("frames of which one is flat", lambda f: {f"arr_{t}": p if t else p[:, 0] for t, p in enumerate(f)},
-            may=("refused",)),
+        npz(
+            "unequal frames with their labels",
+            lambda f: {f"frame_{t}": p for t, p in enumerate(f)} | {"labels": np.zeros((4, 200), dtype=int)},
+            check=found(),
+        ),
+        npz(
+            "frames from 2 to 11",
+            lambda f: {f"frame_{t}": p for t, p in zip((2, 11, 3, 10), [f[0], f[3], f[1], f[2]], strict=True)},
+            check=found(),
+        ),
+        npz(
+            "frames of which one is flat",
+            lambda f: {f"arr_{t}": p if t else p[:, 0] for t, p in enumerate(f)},
+            may=("refused",),
+        ),
         npz("frames with a scalar", lambda f: {"points": np.stack(f), "fps": np.array(30.0)}, must=True),
         npz("two stacks", lambda f: {"before": np.stack(f), "after": np.stack(f)}),
         npz("a hundred empty arrays", lambda f: {f"a{k}": np.empty((0, 3)) for k in range(100)}, may=("refused",)),
-        npy("frames with a mask", lambda s: np.concatenate([s, s[..., :1]], axis=2), may=("refused", "accepted"),
-            check=found()),
-        npy("frames with normals and colours", lambda s: np.concatenate([s, s, s], axis=2),
-            may=("refused", "accepted"), check=found()),
+        npy(
+            "frames with a mask",
+            lambda s: np.concatenate([s, s[..., :1]], axis=2),
+            may=("refused", "accepted"),
+            check=found(),
+        ),
+        npy(
+            "frames with normals and colours",
+            lambda s: np.concatenate([s, s, s], axis=2),
+            may=("refused", "accepted"),
+            check=found(),
+        ),
         npy("coordinates before points", lambda s: s.transpose(0, 2, 1)),
         npy("points before frames", lambda s: s.transpose(1, 0, 2), may=("refused",)),
         npy("four axes", lambda s: s[None]),
@@ -202,13 +284,25 @@ CASES = [
         npy("complex numbers", lambda s: s.astype(complex)),
         npy("booleans", lambda s: s > 0),
         npy("dates", lambda s: s.astype("M8[s]")),
-        npy("a record of x, y, z", lambda s: s.view([("x", "f8"), ("y", "f8"), ("z", "f8")])[..., 0],
-            may=("refused", "accepted"), check=found()),
+        npy(
+            "a record of x, y, z",
+            lambda s: s.view([("x", "f8"), ("y", "f8"), ("z", "f8")])[..., 0],
+            may=("refused", "accepted"),
+            check=found(),
+        ),
         npy("half precision", lambda s: s.astype("f2"), may=("refused", "accepted"), check=found()),
-        npy("big-endian and Fortran's order", lambda s: np.asfortranarray(s.astype(">f8")),
-            may=("accepted",), check=found()),
-        npy("whole numbers of millimetres", lambda s: (1000 * s).astype("i2"), may=("accepted",),
-            check=found(diagonal=2200)),
+        npy(
+            "big-endian and Fortran's order",
+            lambda s: np.asfortranarray(s.astype(">f8")),
+            may=("accepted",),
+            check=found(),
+        ),
+        npy(
+            "whole numbers of millimetres",
+            lambda s: (1000 * s).astype("i2"),
+            may=("accepted",),
+            check=found(diagonal=2200),
+        ),
         npy("all NaN", lambda s: s * np.nan),
         npy("coordinates of 1e200", lambda s: s * 1e200),
         npy("coordinates of 1e-200", lambda s: s * 1e-200),
@@ -216,21 +310,39 @@ CASES = [
         npy("all points on a line", lambda s: s * [1, 0, 0], may=("refused", "accepted")),
         npy("all points in a plane", lambda s: s * [1, 1, 0], may=("refused", "accepted")),
         npy("the same frame four times", lambda s: s[[0, 0, 0, 0]], may=("accepted",), check=said("mov|still")),
-        npy("one point far away", lambda s: np.concatenate([s, 0 * s[:, :1] + 1e6], axis=1),
-            may=("refused", "accepted"), check=said("far|stray|apart|outl")),
+        npy(
+            "one point far away",
+            lambda s: np.concatenate([s, 0 * s[:, :1] + 1e6], axis=1),
+            may=("refused", "accepted"),
+            check=said("far|stray|apart|outl"),
+        ),
         raw("a header of NaN", npy_literal("{'descr': '<f8', 'fortran_order': False, 'shape': (nan, 3), }")),
         raw("a header that nests", npy_literal("(" * 5000)),
-        raw("a header of an expression", npy_literal("{'descr': '<f8', 'fortran_order': False, 'shape': (9**9**9, 3), }")),
+        raw(
+            "a header of an expression",
+            npy_literal("{'descr': '<f8', 'fortran_order': False, 'shape': (9**9**9, 3), }"),
+        ),
         raw("a negative shape", npy_head((-2, 200, 3)) + bytes(9600)),
         raw("a shape beyond all numbers", npy_head((2**62, 2**62, 3)) + bytes(9600)),
         raw("a shape of zero by infinity", npy_head((0, 2**62, 3))),
-        raw("a data type that nests", npy_literal("{'descr': [('a', [('b', 'O')])], 'fortran_order': False, 'shape': (2,), }")),
+        raw(
+            "a data type that nests",
+            npy_literal("{'descr': [('a', [('b', 'O')])], 'fortran_order': False, 'shape': (2,), }"),
+        ),
         raw("the head of an array of 5 TB", npy_head((4, 50_000_000_000, 3)) + bytes(9600)),
         raw("a version of the future", b"\x93NUMPY\x09\x00" + bytes(200)),
         raw("nothing", b""),
-        Case("a sparse array of 3 GiB", NPY, sparse("frames.npy", npy_head((2, 67_000_000, 3)), 128 + 2 * 67_000_000 * 24),
-             may=("refused",)),
-        Case("a sparse frame of 3 GiB", FIT, both(given("frames"), sparse(
-            "frames/frame_9.npy", npy_head((134_000_000, 3)), 128 + 134_000_000 * 24)), may=("refused",)),
+        Case(
+            "a sparse array of 3 GiB",
+            NPY,
+            sparse("frames.npy", npy_head((2, 67_000_000, 3)), 128 + 2 * 67_000_000 * 24),
+            may=("refused",),
+        ),
+        Case(
+            "a sparse frame of 3 GiB",
+            FIT,
+            both(given("frames"), sparse("frames/frame_9.npy", npy_head((134_000_000, 3)), 128 + 134_000_000 * 24)),
+            may=("refused",),
+        ),
     ),
 ]

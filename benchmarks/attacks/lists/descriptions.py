@@ -6,16 +6,19 @@ import struct
 from collections.abc import Mapping
 
 from attacks.case import Case, Maker, Verdict, similar
-from attacks.lists.makers import both, file, sparse, zeros_in_zip
+from attacks.lists.makers import a_folder, a_pipe, both, file, sparse, zeros_in_zip
 
 REFUSED: tuple[Verdict, ...] = ("refused",)
 EITHER: tuple[Verdict, ...] = ("refused", "accepted")
-RUN = ('reart run --dataset urdf --data arm.urdf --workdir out --preset "$TINY" '
-       "--set ingest.roboart.frames=3 --set ingest.roboart.points=200")
+RUN = (
+    'reart run --dataset urdf --data arm.urdf --workdir out --preset "$TINY" '
+    "--set ingest.roboart.frames=3 --set ingest.roboart.points=200"
+)
 ARM = """<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"><visual><geometry><box size="0.4 0.4 0.1"/></geometry></visual></link>
-  <link name="upper"><visual><origin xyz="0 0 0.3"/><geometry><cylinder radius="0.05" length="0.6"/></geometry></visual></link>
+  <link name="upper"><visual><origin xyz="0 0 0.3"/>
+    <geometry><cylinder radius="0.05" length="0.6"/></geometry></visual></link>
   <link name="lower"><visual><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
   <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.05"/>
     <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
@@ -58,8 +61,11 @@ def stl(triangles: int, body: bytes = b"") -> bytes:
     return b"\0" * 80 + struct.pack("<I", triangles) + body
 
 
-LAUGHS = '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a0 "ha">' + "".join(
-    f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 11)) + "]>"
+LAUGHS = (
+    '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a0 "ha">'
+    + "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 11))
+    + "]>"
+)
 AXIS, SIZE, ORIGIN = 'axis xyz="0 1 0"', 'size="0.4 0.1 0.1"', 'origin xyz="0 0 0.6"'
 ELBOW = '<joint name="elbow"'
 MIMIC = '<mimic joint="shoulder" multiplier="{}" offset="{}"/></joint>'
@@ -67,17 +73,27 @@ MIMIC = '<mimic joint="shoulder" multiplier="{}" offset="{}"/></joint>'
 
 def mimic(multiplier: str, offset: str = "0") -> dict[str, str]:
     head, tail = ARM.rsplit("</joint>", 1)
-    last = head[head.rindex("<axis"):]
-    return {ARM[len(head) - len(last):]: last + MIMIC.format(multiplier, offset) + tail}
+    last = head[head.rindex("<axis") :]
+    return {ARM[len(head) - len(last) :]: last + MIMIC.format(multiplier, offset) + tail}
 
 
 CASES = [
-    *[arm(f"an axis of {value}", {AXIS: f'axis xyz="0 {value} 0"'}, says="arm.urdf.*shoulder") for value in ("nan", "inf")],
-    *[arm(f"an origin of {value}", {ORIGIN: f'origin xyz="0 0 {value}"'}, says="arm.urdf.*elbow") for value in ("nan", "inf")],
+    *[
+        arm(f"an axis of {value}", {AXIS: f'axis xyz="0 {value} 0"'}, says="arm.urdf.*shoulder")
+        for value in ("nan", "inf")
+    ],
+    *[
+        arm(f"an origin of {value}", {ORIGIN: f'origin xyz="0 0 {value}"'}, says="arm.urdf.*elbow")
+        for value in ("nan", "inf")
+    ],
     *[arm(f"a size of {value}", {SIZE: f'size="0.4 {value} 0.1"'}, says="arm.urdf.*lower") for value in ("nan", "inf")],
     *[arm(f"a multiplier of {value}", mimic(value), says="arm.urdf.*elbow") for value in ("nan", "inf")],
     arm("a radius of 0", {'radius="0.05"': 'radius="0"'}, says="arm.urdf.*upper"),
-    arm("a link twice", {'name="lower"': 'name="upper"', 'child link="lower"': 'child link="upper"'}, says="arm.urdf.*upper"),
+    arm(
+        "a link twice",
+        {'name="lower"': 'name="upper"', 'child link="lower"': 'child link="upper"'},
+        says="arm.urdf.*upper",
+    ),
     arm("a joint twice", {'name="elbow"': 'name="shoulder"'}, says="arm.urdf.*shoulder"),
     mesh("a .zip of 3 GiB", "part.zip", zipped("part.zip", "part.obj", CUBE.encode())),
     mesh("a .3mf of 3 GiB", "part.3mf", zipped("part.3mf", "3D/3dmodel.model", b"<model>")),
@@ -107,13 +123,21 @@ CASES = [
         arm("an offset of NaN", mimic("1", "nan")),
         arm("a multiplier of 1e300", mimic("1e300")),
         arm("a multiplier of words", mimic("twice")),
-        arm("a mimic of itself", {ELBOW: '<joint name="elbow"', "</joint>\n</robot>": '<mimic joint="elbow"/></joint></robot>'}),
+        arm(
+            "a mimic of itself",
+            {ELBOW: '<joint name="elbow"', "</joint>\n</robot>": '<mimic joint="elbow"/></joint></robot>'},
+        ),
         arm("a mimic of nothing", {"</joint>\n</robot>": '<mimic joint="nowhere"/></joint></robot>'}),
         arm("a link without a name", {'<link name="lower">': "<link>"}),
-        arm("a link named by nothing", {'<link name="lower">': '<link name="">', 'child link="lower"': 'child link=""'}),
+        arm(
+            "a link named by nothing", {'<link name="lower">': '<link name="">', 'child link="lower"': 'child link=""'}
+        ),
         arm("a joint without a name", {'name="elbow" ': ""}),
-        arm("a link named by markup", {'name="lower"': 'name="[/red]&lt;b&gt;"', 'child link="lower"':
-                                       'child link="[/red]&lt;b&gt;"'}, EITHER),
+        arm(
+            "a link named by markup",
+            {'name="lower"': 'name="[/red]&lt;b&gt;"', 'child link="lower"': 'child link="[/red]&lt;b&gt;"'},
+            EITHER,
+        ),
         arm("a joint without a child", {'<child link="lower"/>': ""}),
         arm("a joint of a link that is not there", {'child link="lower"': 'child link="nowhere"'}),
         arm("a joint of one link", {'child link="lower"': 'child link="upper"'}),
@@ -122,24 +146,50 @@ CASES = [
         arm("two roots", {"</robot>": '<link name="other"/></robot>'}, EITHER),
         arm("a type that is unknown", {'name="elbow" type="revolute"': 'name="elbow" type="flying"'}, EITHER),
         arm("a type of spherical joints", {'name="elbow" type="revolute"': 'name="elbow" type="floating"'}, EITHER),
-        arm("no joint that moves", {'type="revolute"': 'type="fixed"', 'name="elbow" type="revolute"': 'name="elbow" type="fixed"'}),
-        arm("an inertia of NaN", {"</visual></link>": '</visual><inertial><mass value="nan"/></inertial></link>'}, EITHER),
+        arm(
+            "no joint that moves",
+            {'type="revolute"': 'type="fixed"', 'name="elbow" type="revolute"': 'name="elbow" type="fixed"'},
+        ),
+        arm(
+            "an inertia of NaN",
+            {"</visual></link>": '</visual><inertial><mass value="nan"/></inertial></link>'},
+            EITHER,
+        ),
         raw("nothing", b""),
         raw("bytes", bytes(range(256)) * 9),
         raw("another root element", b"<html></html>"),
         raw("a billion laughs", f"{LAUGHS}{ARM.partition('?>')[2].replace('name=', 'x=')}&a10;</r>".encode()),
         raw("entities in an attribute", (LAUGHS + ARM.partition("?>")[2].replace('"lower"', '"&a10;"')).encode()),
-        raw("an entity that is a file", ('<?xml version="1.0"?><!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]>'
-                                         + ARM.partition("?>")[2].replace('<link name="base">', '<link name="base">&f;')).encode(), EITHER),
+        raw(
+            "an entity that is a file",
+            (
+                '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]>'
+                + ARM.partition("?>")[2].replace('<link name="base">', '<link name="base">&f;')
+            ).encode(),
+            EITHER,
+        ),
         raw("elements within elements", b"<robot>" + b"<a>" * 300_000),
-        raw("elements within elements, closed", b"<robot name='a'>" + b"<a>" * 100_000 + b"</a>" * 100_000 + b"</robot>"),
+        raw(
+            "elements within elements, closed", b"<robot name='a'>" + b"<a>" * 100_000 + b"</a>" * 100_000 + b"</robot>"
+        ),
         raw("UTF-16", ARM.replace('version="1.0"', 'version="1.0" encoding="utf-16"').encode("utf-16"), EITHER),
         raw("an encoding that is unknown", ARM.replace('version="1.0"', 'version="1.0" encoding="klingon"').encode()),
         raw("a byte order mark", b"\xef\xbb\xbf" + ARM.encode(), EITHER),
-        raw("a thousand links in a chain", ("<robot name='a'>" + "".join(
-            f'<link name="l{k}"><visual><geometry><box size="1 1 1"/></geometry></visual></link>' for k in range(1001)) + "".join(
-            f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>' for k in range(1000))
-            + "</robot>").encode()),
+        raw(
+            "a thousand links in a chain",
+            (
+                "<robot name='a'>"
+                + "".join(
+                    f'<link name="l{k}"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'
+                    for k in range(1001)
+                )
+                + "".join(
+                    f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+                    for k in range(1000)
+                )
+                + "</robot>"
+            ).encode(),
+        ),
         Case("a description of 3 GiB", RUN, sparse("arm.urdf", b"<robot>"), may=REFUSED, seconds=60),
         Case("a description that is a pipe", f"mkfifo arm.urdf; {RUN}", may=REFUSED, seconds=30, writes=("arm.urdf",)),
         mesh("missing", "part.obj", lambda folder, prepared: None),
@@ -160,21 +210,52 @@ CASES = [
         mesh("obj mirrored", "part.obj", CUBE, EITHER, more=' scale="-1 1 1"'),
         mesh("dae of nothing", "part.dae", "<COLLADA/>"),
         mesh("dae of laughs", "part.dae", f"{LAUGHS}<COLLADA>&a10;</COLLADA>"),
-        mesh("gltf of files elsewhere", "part.gltf", '{"asset":{"version":"2.0"},"buffers":[{"uri":"/etc/passwd","byteLength":9}]}'),
-        mesh("glb that declares 4 GB", "part.glb", b"glTF" + struct.pack("<III", 2, 4_000_000_000, 4_000_000_000) + b"JSON"),
+        mesh(
+            "gltf of files elsewhere",
+            "part.gltf",
+            '{"asset":{"version":"2.0"},"buffers":[{"uri":"/etc/passwd","byteLength":9}]}',
+        ),
+        mesh(
+            "glb that declares 4 GB",
+            "part.glb",
+            b"glTF" + struct.pack("<III", 2, 4_000_000_000, 4_000_000_000) + b"JSON",
+        ),
         mesh("a zae of 3 GiB", "part.zae", zipped("part.zae", "part.dae", b"<COLLADA/>")),
         mesh("a tar", "part.tar.gz", b"\x1f\x8b\x08" + bytes(100)),
         mesh("an svg", "part.svg", "<svg/>"),
         mesh("a picture", "part.png", b"\x89PNG"),
         mesh("a pickle", "part.pkl", b"\x80\x04K\x01."),
-        mesh("a ply of 1e12 points", "part.ply", b"ply\nformat ascii 1.0\nelement vertex 999999999999\nproperty float x\n"
-             b"property float y\nproperty float z\nend_header\n1 2 3\n"),
+        mesh(
+            "a ply of 1e12 points",
+            "part.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 999999999999\nproperty float x\n"
+            b"property float y\nproperty float z\nend_header\n1 2 3\n",
+        ),
         mesh("an off of 1e9 points", "part.off", "OFF\n1000000000 1 0\n0 0 0\n"),
-        mesh("a pipe", "part.stl", lambda folder, prepared: __import__("os").mkfifo(folder / "part.stl")),
-        mesh("a folder", "part.stl", lambda folder, prepared: (folder / "part.stl").mkdir()),
-        *[Case(f"mesh: at {path[:40]}", RUN, file("arm.urdf", ARM.replace(BOX, f'<mesh filename="{path}"/>')), may=REFUSED,
-               seconds=60) for path in ("http://127.0.0.1:9/part.obj", "/etc/passwd", "/dev/zero", "/dev/zero.obj",
-                                        "package://../../etc/passwd", "file:///etc/passwd", "", ".", "a" * 5000 + ".obj",
-                                        "x\n.obj", "model://x/part.stl", "%00.obj")],
+        mesh("a pipe", "part.stl", a_pipe("part.stl")),
+        mesh("a folder", "part.stl", a_folder("part.stl")),
+        *[
+            Case(
+                f"mesh: at {path[:40]}",
+                RUN,
+                file("arm.urdf", ARM.replace(BOX, f'<mesh filename="{path}"/>')),
+                may=REFUSED,
+                seconds=60,
+            )
+            for path in (
+                "http://127.0.0.1:9/part.obj",
+                "/etc/passwd",
+                "/dev/zero",
+                "/dev/zero.obj",
+                "package://../../etc/passwd",
+                "file:///etc/passwd",
+                "",
+                ".",
+                "a" * 5000 + ".obj",
+                "x\n.obj",
+                "model://x/part.stl",
+                "%00.obj",
+            )
+        ],
     ),
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -66,6 +67,31 @@ def link(name: str, target: str) -> Maker:
     return make
 
 
+def a_folder(name: str) -> Maker:
+    """A folder, whatever was there before."""
+    return both(gone(name), lambda place, prepared: (place / name).mkdir(parents=True))
+
+
+def a_pipe(name: str) -> Maker:
+    """A named pipe, in which nothing ever comes."""
+    return both(gone(name), lambda place, prepared: os.mkfifo(place / name))
+
+
+def gone(pattern: str) -> Maker:
+    """What matches this is removed."""
+
+    def make(place: Path, prepared: Prepared) -> None:
+        for path in list(place.glob(pattern)):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+    return make
+
+
+def moved(name: str, to: str) -> Maker:
+    """A file or folder has another name; as the file system has it, which may be no text."""
+    return lambda place, prepared: os.rename(place / name, place / to)
+
+
 def each_frame(write: Callable[[Path, np.ndarray], None], ending: str, frames: int = 4, points: int = 200) -> Maker:
     """The folder `frames`, whose files `write` makes of the hinge's points."""
 
@@ -123,7 +149,7 @@ def changed_json(path: str, change: Callable[[Any], Any]) -> Maker:
 
 
 def zeros_in_zip(path: Path, heads: Mapping[str, bytes], size: int) -> None:
-    """An archive whose members begin with `heads` and go on with zeros up to `size` bytes each, nearly all deflated away."""
+    """An archive whose members begin with `heads` and go on with zeros up to `size` bytes each."""
     piece = b"\0" * 2**24
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, head in heads.items():

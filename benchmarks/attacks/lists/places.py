@@ -9,22 +9,26 @@ from pathlib import Path
 from attacks.case import Case, Maker, Verdict, similar
 from attacks.hinge import Prepared
 from attacks.lists.evaluations import DONE, EVALUATE, RUN, STATUS
-from attacks.lists.makers import FIT, both, file, given, link
+from attacks.lists.makers import FIT, a_folder, both, file, given, gone, link
 from attacks.lists.models import alone
 
 WRONG: tuple[Verdict, ...] = ("refused", "failed")
 ANY: tuple[Verdict, ...] = ("refused", "failed", "accepted")
 MODEL = both(given("model"), alone, file("states.json", "{}"))
 NOBODY = "setpriv --reuid=65534 --regid=65534 --clear-groups"
-POSE, URDF, FIGURE = ("reart pose model --states states.json --out out", "reart export model --to urdf --out out",
-                      "reart figure model --out out/a.png")
+POSE, URDF, FIGURE = (
+    "reart pose model --states states.json --out out",
+    "reart export model --to urdf --out out",
+    "reart figure model --out out/a.png",
+)
 SPACE, DENIED = "no space left", "permission denied"
 
 
 def full(command: str, kilobytes: int, place: str = "out", fill: str = "") -> str:
     """The command where `place` is a disk of so many kilobytes; what a `fill` command leaves there first."""
-    return (f"unshare -m bash -c 'mount -t tmpfs -o size={kilobytes}k,mode=777 tmpfs {place} && {fill or 'true'} && "
-            f"({command}); code=$?; find {place} -name \"*partial*\" -o -name \".staging*\" | sed \"s/^/LEFTOVER /\"; exit $code'")
+    mount = f"mount -t tmpfs -o size={kilobytes}k,mode=777 tmpfs {place} && {fill or 'true'}"
+    look = f'find {place} -name "*partial*" -o -name ".staging*" | sed "s/^/LEFTOVER /"'
+    return f"unshare -m bash -c '{mount} && ({command}); code=$?; {look}; exit $code'"
 
 
 def on_full(name: str, command: str, make: Maker, kilobytes: int, place: str = "out", fill: str = "") -> Case:
@@ -32,18 +36,34 @@ def on_full(name: str, command: str, make: Maker, kilobytes: int, place: str = "
         make(folder, prepared)
         (folder / place).mkdir(exist_ok=True)
 
-    return Case(f"a full disk: {name}", full(command, kilobytes, place, fill), made, may=WRONG, says=SPACE, needs_root=True,
-                check=lambda folder, ran: "leaves partial files" if "LEFTOVER" in ran.out else "")
+    return Case(
+        f"a full disk: {name}",
+        full(command, kilobytes, place, fill),
+        made,
+        may=WRONG,
+        says=SPACE,
+        needs_root=True,
+        check=lambda folder, ran: "leaves partial files" if "LEFTOVER" in ran.out else "",
+    )
 
 
-def as_nobody(name: str, command: str, make: Maker, may: tuple[Verdict, ...] = WRONG, says: str = DENIED, check=None) -> Case:  # type: ignore[no-untyped-def]
+def as_nobody(
+    name: str, command: str, make: Maker, may: tuple[Verdict, ...] = WRONG, says: str = DENIED, check=None
+) -> Case:  # type: ignore[no-untyped-def]
     """A command by a user who owns nothing; `make` says what is closed to others."""
 
     def opened(folder: Path, prepared: Prepared) -> None:
         make(folder, prepared)
 
-    return Case(f"no permission: {name}", f"export HOME=$PWD/tmp; {NOBODY} {command}", opened, may=may, says=says,
-                needs_root=True, check=check)
+    return Case(
+        f"no permission: {name}",
+        f"export HOME=$PWD/tmp; {NOBODY} {command}",
+        opened,
+        may=may,
+        says=says,
+        needs_root=True,
+        check=check,
+    )
 
 
 def open_all(folder: Path, prepared: Prepared) -> None:
@@ -103,25 +123,48 @@ def through(name: str, command: str, at: str, make: Maker = MODEL) -> Case:
 
 
 CASES = [
-    Case("export: foreign meshes", URDF, both(MODEL, foreign), may=("accepted",),
-         keeps=("out/meshes/part_x.stl", "out/meshes/part_99.stl", "out/meshes/notes.txt")),
-    Case("fit: foreign meshes", FIT, both(given("frames"), foreign), may=("accepted",),
-         keeps=("out/meshes/part_x.stl", "out/meshes/part_99.stl", "out/meshes/notes.txt")),
+    Case(
+        "export: foreign meshes",
+        URDF,
+        both(MODEL, foreign),
+        may=("accepted",),
+        keeps=("out/meshes/part_x.stl", "out/meshes/part_99.stl", "out/meshes/notes.txt"),
+    ),
+    Case(
+        "fit: foreign meshes",
+        FIT,
+        both(given("frames"), foreign),
+        may=("accepted",),
+        keeps=("out/meshes/part_x.stl", "out/meshes/part_99.stl", "out/meshes/notes.txt"),
+    ),
     Case("export: meshes that are a link", URDF, both(MODEL, elsewhere), may=ANY),
     through("pose: a partial file", POSE, "out/.pose.json.partial"),
     through("export: a partial file", URDF, "out/.robot.urdf.partial"),
     through("figure: the picture", FIGURE, "out/a.png"),
     Case("link: a stage's log", RUN, both(DONE, log("link")), may=ANY),
     Case("a stage's log is a folder", RUN, both(DONE, log("folder")), may=ANY, says="box.*(director|folder|log)"),
-    as_nobody("a sequence's folder", RUN, both(DONE, lambda folder, prepared: [
-        shutil.rmtree(path) for path in (folder / "workdir/scans/box").glob("flow-*/")] and None,
-        closed("workdir/scans/box", mode=0o555)), says="box.*permission denied"),
+    as_nobody(
+        "a sequence's folder",
+        RUN,
+        both(
+            DONE,
+            gone("workdir/scans/box/flow-*/"),
+            closed("workdir/scans/box", mode=0o555),
+        ),
+        says="box.*permission denied",
+    ),
     as_nobody("an artifact's folder, status", STATUS, both(DONE, closed("workdir/scans/box/flow-*/")), ANY),
     as_nobody("an artifact's folder, run", RUN, both(DONE, closed("workdir/scans/box/flow-*/")), ANY),
-    as_nobody("the ground truth", FIT + " --truth frames/ground_truth.npz", both(
-        given("frames"), closed("frames/ground_truth.npz"))),
-    as_nobody("weights", FIT + " --set flow.estimator=network --set flow.network.weights=w.safetensors", both(
-        given("frames"), file("w.safetensors", "x"), closed("w.safetensors"))),
+    as_nobody(
+        "the ground truth",
+        FIT + " --truth frames/ground_truth.npz",
+        both(given("frames"), closed("frames/ground_truth.npz")),
+    ),
+    as_nobody(
+        "weights",
+        FIT + " --set flow.estimator=network --set flow.network.weights=w.safetensors",
+        both(given("frames"), file("w.safetensors", "x"), closed("w.safetensors")),
+    ),
     as_nobody("model.json", POSE, both(MODEL, closed("model/model.json"))),
     on_full("fit of 300 kB", FIT, given("frames"), 300),
     on_full("fit of 2 MB", FIT, given("frames"), 1400),
@@ -131,77 +174,204 @@ CASES = [
     on_full("export", URDF, MODEL, 20),
     on_full("figure", FIGURE, MODEL, 20),
     Case("little address space", f"ulimit -v 900000; {FIT}", given("frames"), may=ANY, says="written|memory|alloc|map"),
-    Case("the working directory goes away", f"(sleep 3.5; rm -rf out) & {FIT}; code=$?; wait; exit $code",
-         given("frames"), may=ANY, says="written|no such|not found|gone|missing"),
+    Case(
+        "the working directory goes away",
+        f"(sleep 3.5; rm -rf out) & {FIT}; code=$?; wait; exit $code",
+        given("frames"),
+        may=ANY,
+        says="written|no such|not found|gone|missing",
+    ),
     *similar(
         through("pose: posed.ply", POSE, "out/posed.ply"),
         through("fit: model.json", FIT, "out/model.json", given("frames")),
         through("fit: a partial file", FIT, "out/.model.npz.partial", given("frames")),
         through("evaluate: a page", EVALUATE, "workdir/scans/evaluation/sequences/.box.html.partial", DONE),
         through("figure: a partial file", FIGURE, "out/.a.png.partial"),
-        Case("link: out leads elsewhere", FIT, both(given("frames"), lambda folder, prepared: (folder / "mine").mkdir(),
-                                                    link("out", "/mine")), may=ANY, writes=("mine",)),
-        Case("link: out leads nowhere", FIT, both(given("frames"), link("out", "/nowhere")), may=ANY, writes=("nowhere",)),
+        Case(
+            "link: out leads elsewhere",
+            FIT,
+            both(given("frames"), a_folder("mine"), link("out", "/mine")),
+            may=ANY,
+            writes=("mine",),
+        ),
+        Case(
+            "link: out leads nowhere", FIT, both(given("frames"), link("out", "/nowhere")), may=ANY, writes=("nowhere",)
+        ),
         Case("link: out leads to itself", FIT, both(given("frames"), link("out", "out")), may=WRONG),
         Case("link: a mesh", URDF, both(MODEL, VICTIM, link("out/meshes/part_0.stl", "/victim")), may=ANY),
-        Case("a folder in place of model.json", FIT, both(given("frames"), lambda folder, prepared: (
-            folder / "out/model.json").mkdir(parents=True)), may=WRONG, says="model.json"),
-        Case("a folder in place of posed.ply", POSE, both(MODEL, lambda folder, prepared: (
-            folder / "out/posed.ply").mkdir(parents=True)), may=WRONG, says="posed.ply"),
+        Case(
+            "a folder in place of model.json",
+            FIT,
+            both(given("frames"), a_folder("out/model.json")),
+            may=WRONG,
+            says="model.json",
+        ),
+        Case(
+            "a folder in place of posed.ply",
+            POSE,
+            both(MODEL, a_folder("out/posed.ply")),
+            may=WRONG,
+            says="posed.ply",
+        ),
         Case("a file in place of meshes", URDF, both(MODEL, file("out/meshes", "x")), may=WRONG, says="meshes"),
         Case("a pipe in place of model.json", f"mkdir out; mkfifo out/model.json; {FIT}", given("frames"), may=ANY),
-        Case("a folder in place of the picture", FIGURE, both(MODEL, lambda folder, prepared: (
-            folder / "out/a.png").mkdir(parents=True)), may=WRONG),
+        Case(
+            "a folder in place of the picture",
+            FIGURE,
+            both(MODEL, a_folder("out/a.png")),
+            may=WRONG,
+        ),
         Case("out within a file", FIT.replace("--out out", "--out frames/frame_0.npy/x"), given("frames"), may=WRONG),
         Case("out on a device", FIT.replace("--out out", "--out /dev/null"), given("frames"), may=WRONG),
         Case("out in /proc", FIT.replace("--out out", "--out /proc/x"), given("frames"), may=WRONG),
-        Case("out with a long name", FIT.replace("--out out", f"--out {'x' * 255}/y"), given("frames"), may=ANY,
-             writes=("x" * 255,)),
-        Case("the lock of a partial file", POSE, both(MODEL, lambda folder, prepared: (
-            folder / "out/.pose.json.partial").mkdir(parents=True)), may=ANY),
-        as_nobody("out", FIT, both(given("frames"), lambda folder, prepared: (folder / "out").mkdir(),
-                                   closed("out", mode=0o555))),
-        as_nobody("out's meshes", URDF, both(MODEL, lambda folder, prepared: (folder / "out/meshes").mkdir(parents=True),
-                                             closed("out/meshes", mode=0o555))),
+        Case(
+            "out with a long name",
+            FIT.replace("--out out", f"--out {'x' * 255}/y"),
+            given("frames"),
+            may=ANY,
+            writes=("x" * 255,),
+        ),
+        Case(
+            "the lock of a partial file",
+            POSE,
+            both(MODEL, a_folder("out/.pose.json.partial")),
+            may=ANY,
+        ),
+        as_nobody(
+            "out",
+            FIT,
+            both(given("frames"), a_folder("out"), closed("out", mode=0o555)),
+        ),
+        as_nobody(
+            "out's meshes",
+            URDF,
+            both(
+                MODEL,
+                a_folder("out/meshes"),
+                closed("out/meshes", mode=0o555),
+            ),
+        ),
         as_nobody("a frame", FIT, both(given("frames"), closed("frames/frame_2.npy"))),
         as_nobody("the folder of frames", FIT, both(given("frames"), closed("frames"))),
-        as_nobody("one sequence of two", RUN.replace("workdir workdir", "workdir out"), both(
-            given("data"), closed("data/box/frame_2.npy")), ANY, check=lambda folder, ran: "" if list(
-                (folder / "out/scans/lid").glob("report-*/manifest.json")) else "the other sequence was not fitted"),
-        as_nobody("one sequence's folder of two", RUN.replace("workdir workdir", "workdir out"), both(
-            given("data"), closed("data/box")), ANY, check=lambda folder, ran: "" if list(
-                (folder / "out/scans/lid").glob("report-*/manifest.json")) else "the other sequence was not fitted"),
+        as_nobody(
+            "one sequence of two",
+            RUN.replace("workdir workdir", "workdir out"),
+            both(given("data"), closed("data/box/frame_2.npy")),
+            ANY,
+            check=lambda folder, ran: (
+                ""
+                if list((folder / "out/scans/lid").glob("report-*/manifest.json"))
+                else "the other sequence was not fitted"
+            ),
+        ),
+        as_nobody(
+            "one sequence's folder of two",
+            RUN.replace("workdir workdir", "workdir out"),
+            both(given("data"), closed("data/box")),
+            ANY,
+            check=lambda folder, ran: (
+                ""
+                if list((folder / "out/scans/lid").glob("report-*/manifest.json"))
+                else "the other sequence was not fitted"
+            ),
+        ),
         as_nobody("a manifest", EVALUATE, both(DONE, closed("workdir/scans/box/evaluation-*/manifest.json")), ANY),
-        as_nobody("an array, evaluate", EVALUATE, both(DONE, closed("workdir/scans/box/result-*/model.npz")), ANY, says=""),
+        as_nobody(
+            "an array, evaluate", EVALUATE, both(DONE, closed("workdir/scans/box/result-*/model.npz")), ANY, says=""
+        ),
         as_nobody("an array, run", RUN, both(DONE, closed("workdir/scans/box/report-*/report.html")), ANY, says=""),
         as_nobody("a sequence's folder, status", STATUS, both(DONE, closed("workdir/scans/box")), ANY),
         as_nobody("a sequence's folder, evaluate", EVALUATE, both(DONE, closed("workdir/scans/box")), ANY),
         as_nobody("a sequence's folder, run", RUN, both(DONE, closed("workdir/scans/box")), ANY),
         as_nobody("the data set's folder", RUN, both(DONE, closed("workdir/scans")), ANY),
         as_nobody("the evaluation's folder", RUN, both(DONE, closed("workdir/scans/evaluation", mode=0o555)), ANY),
-        as_nobody("a preset", "reart fit frames --out out --preset mine.toml", both(
-            given("frames"), file("mine.toml", ""), closed("mine.toml"))),
+        as_nobody(
+            "a preset",
+            "reart fit frames --out out --preset mine.toml",
+            both(given("frames"), file("mine.toml", ""), closed("mine.toml")),
+        ),
         as_nobody("targets", "reart pose model --targets t.csv", both(MODEL, file("t.csv", ""), closed("t.csv"))),
-        as_nobody("an earlier evaluation", f"{EVALUATE} --against e.json", both(DONE, file("e.json", "{}"), closed("e.json"))),
-        as_nobody("a description", 'reart run --dataset urdf --data arm.urdf --workdir out', both(
-            file("arm.urdf", "<robot/>"), closed("arm.urdf"))),
+        as_nobody(
+            "an earlier evaluation", f"{EVALUATE} --against e.json", both(DONE, file("e.json", "{}"), closed("e.json"))
+        ),
+        as_nobody(
+            "a description",
+            "reart run --dataset urdf --data arm.urdf --workdir out",
+            both(file("arm.urdf", "<robot/>"), closed("arm.urdf")),
+        ),
         on_full("fit of 16 kB", FIT, given("frames"), 16),
         on_full("fit of 700 kB", FIT, given("frames"), 700),
-        on_full("out for temporary files", f"TMPDIR=$PWD/small {FIT}", given("frames"), 8, "small",
-                "(head -c 100000 /dev/zero > small/fill || true)"),
-        on_full("train-flow", "reart train-flow --out out --preset smoke --set steps=1 --set validation_pairs=1",
-                lambda folder, prepared: None, 200),
-        Case("files of 100 kB at most", f"ulimit -f 100; {FIT}", given("frames"), may=ANY, says="written|too large|SIGXFSZ|size"),
-        Case("few files open at once", f"ulimit -n 16; {FIT}", given("frames"), may=ANY, says="written|too many|open files"),
-        Case("few processes", f"export HOME=$PWD/tmp; ulimit -u 1; {NOBODY} {FIT}", both(given("frames"), open_all), may=ANY,
-             needs_root=True, says="written|unavailable|process|thread"),
-        Case("little time", f"ulimit -t 2; {FIT}", given("frames"), may=ANY, says="written|SIGXCPU|SIGKILL|time", exits=(152, 137)),
-        Case("very little address space", f"ulimit -v 200000; {FIT}", given("frames"), may=ANY, says="written|memory|alloc|map"),
-        Case("a mask that hides all", f"umask 777; export HOME=$PWD/tmp; {NOBODY} {FIT}", both(given("frames"), open_all),
-             may=ANY, needs_root=True),
-        Case("the input goes away", f"(sleep 3; rm -rf frames) & {FIT}; code=$?; wait; exit $code", given("frames"), may=ANY,
-             writes=("frames",)),
-        Case("the output becomes a file", f"(sleep 3; rm -rf out; echo x > out) & {FIT}; code=$?; wait; exit $code",
-             given("frames"), may=ANY, says="written|director|folder|gone|missing"),
+        on_full(
+            "out for temporary files",
+            f"TMPDIR=$PWD/small {FIT}",
+            given("frames"),
+            8,
+            "small",
+            "(head -c 100000 /dev/zero > small/fill || true)",
+        ),
+        on_full(
+            "train-flow",
+            "reart train-flow --out out --preset smoke --set steps=1 --set validation_pairs=1",
+            lambda folder, prepared: None,
+            200,
+        ),
+        Case(
+            "files of 100 kB at most",
+            f"ulimit -f 100; {FIT}",
+            given("frames"),
+            may=ANY,
+            says="written|too large|SIGXFSZ|size",
+        ),
+        Case(
+            "few files open at once",
+            f"ulimit -n 16; {FIT}",
+            given("frames"),
+            may=ANY,
+            says="written|too many|open files",
+        ),
+        Case(
+            "few processes",
+            f"export HOME=$PWD/tmp; ulimit -u 1; {NOBODY} {FIT}",
+            both(given("frames"), open_all),
+            may=ANY,
+            needs_root=True,
+            says="written|unavailable|process|thread",
+        ),
+        Case(
+            "little time",
+            f"ulimit -t 2; {FIT}",
+            given("frames"),
+            may=ANY,
+            says="written|SIGXCPU|SIGKILL|time",
+            exits=(152, 137),
+        ),
+        Case(
+            "very little address space",
+            f"ulimit -v 200000; {FIT}",
+            given("frames"),
+            may=ANY,
+            says="written|memory|alloc|map",
+        ),
+        Case(
+            "a mask that hides all",
+            f"umask 777; export HOME=$PWD/tmp; {NOBODY} {FIT}",
+            both(given("frames"), open_all),
+            may=ANY,
+            needs_root=True,
+        ),
+        Case(
+            "the input goes away",
+            f"(sleep 3; rm -rf frames) & {FIT}; code=$?; wait; exit $code",
+            given("frames"),
+            may=ANY,
+            writes=("frames",),
+        ),
+        Case(
+            "the output becomes a file",
+            f"(sleep 3; rm -rf out; echo x > out) & {FIT}; code=$?; wait; exit $code",
+            given("frames"),
+            may=ANY,
+            says="written|director|folder|gone|missing",
+        ),
     ),
 ]

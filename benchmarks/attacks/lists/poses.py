@@ -17,14 +17,20 @@ HEAD = "source_x,source_y,source_z,target_x,target_y,target_z\n"
 
 
 def states(name: str, content: str | bytes, may: tuple[Verdict, ...] = REFUSED, ending: str = "json") -> Case:
-    return Case(f"states: {name}", f"reart pose model --states s.{ending} --out out",
-                both(MODEL, file(f"s.{ending}", content)), may=may, seconds=60)
+    return Case(
+        f"states: {name}",
+        f"reart pose model --states s.{ending} --out out",
+        both(MODEL, file(f"s.{ending}", content)),
+        may=may,
+        seconds=60,
+    )
 
 
 def targets(name: str, content: str | bytes | Maker, may: tuple[Verdict, ...] = REFUSED, ending: str = "csv") -> Case:
     make = file(f"t.{ending}", content) if isinstance(content, str | bytes) else content
-    return Case(f"targets: {name}", f"reart pose model --targets t.{ending} --out out", both(MODEL, make), may=may,
-                seconds=60)
+    return Case(
+        f"targets: {name}", f"reart pose model --targets t.{ending} --out out", both(MODEL, make), may=may, seconds=60
+    )
 
 
 def saved(**arrays: np.ndarray) -> bytes:
@@ -70,15 +76,24 @@ CASES = similar(
     targets("2 GiB of zeros", sparse("t.csv", HEAD.encode(), 2 * 2**30)),
     targets("json of 2 GiB of zeros", sparse("t.json", b"{", 2 * 2**30), ending="json"),
     targets("ragged json", '{"source": [[0, 0, 0], [1]], "target": [[0, 0, 0]]}', ending="json"),
-    targets("json with a number of 400 digits", '{"source": [[1' + "0" * 400 + ', 0, 0]], "target": [[0, 0, 0]]}',
-            ending="json"),
+    targets(
+        "json with a number of 400 digits",
+        '{"source": [[1' + "0" * 400 + ', 0, 0]], "target": [[0, 0, 0]]}',
+        ending="json",
+    ),
     targets("json with 64 axes", '{"source": ' + "[" * 70 + "]" * 70 + ', "target": [[0, 0, 0]]}', ending="json"),
     targets("npz of objects", saved(source=np.array([{}]), target=np.zeros((1, 3))), ending="npz"),
     targets("npz of complex numbers", saved(source=np.zeros((1, 3), complex), target=np.zeros((1, 3))), ending="npz"),
     targets("npz of 3 GB", bomb, ending="npz"),
     targets("a pipe", "", ending="txt"),
-    Case("targets: a named pipe", "mkfifo t.csv; reart pose model --targets t.csv", MODEL, may=REFUSED, seconds=30,
-         writes=("t.csv",)),
+    Case(
+        "targets: a named pipe",
+        "mkfifo t.csv; reart pose model --targets t.csv",
+        MODEL,
+        may=REFUSED,
+        seconds=30,
+        writes=("t.csv",),
+    ),
     Case("targets: a folder", "mkdir t.csv; reart pose model --targets t.csv", MODEL, may=REFUSED, writes=("t.csv",)),
     Case("scale: NaN", "reart export model --to urdf --out out --scale nan", MODEL, may=REFUSED),
     Case("scale: -1", "reart export model --to urdf --out out --scale=-1", MODEL, may=REFUSED),

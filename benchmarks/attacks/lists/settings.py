@@ -10,8 +10,14 @@ REFUSED: tuple[Verdict, ...] = ("refused",)
 
 def setting(text: str, may: tuple[Verdict, ...] = REFUSED, seconds: float = 60) -> Case:
     name = f"--set {text}" if len(text) < 60 else f"--set {text[:40]}... of {len(text)}"
-    return Case(name, f"{FIT} --set {quoted(text)}", given("frames"), may=may, seconds=seconds,
-                check=lambda folder, ran: "" if ran.seconds < 40 else f"took {ran.seconds:.0f} s")
+    return Case(
+        name,
+        f"{FIT} --set {quoted(text)}",
+        given("frames"),
+        may=may,
+        seconds=seconds,
+        check=lambda folder, ran: "" if ran.seconds < 40 else f"took {ran.seconds:.0f} s",
+    )
 
 
 def option(words: str, command: str = FIT, may: tuple[Verdict, ...] = REFUSED) -> Case:
@@ -19,8 +25,13 @@ def option(words: str, command: str = FIT, may: tuple[Verdict, ...] = REFUSED) -
 
 
 def preset(name: str, content: bytes, may: tuple[Verdict, ...] = REFUSED) -> Case:
-    return Case(f"preset: {name}", "reart fit frames --out out --preset mine.toml",
-                both(given("frames"), file("mine.toml", content)), may=may, seconds=60)
+    return Case(
+        f"preset: {name}",
+        "reart fit frames --out out --preset mine.toml",
+        both(given("frames"), file("mine.toml", content)),
+        may=may,
+        seconds=60,
+    )
 
 
 def quoted(text: str) -> str:
@@ -37,10 +48,31 @@ CASES = [
     setting("canonical_frame.candidates=100000", ("refused", "accepted")),
     setting("canonical_frame.frames=[99]"),
     *similar(
-        *[setting(f"flow.estimator={value}") for value in (
-            "a:", ":b", "::", "os:system", "os.path:join", "json:nothing", "nowhere:f", ".:f", "a..b:f", "frames/x:f",
-            "json:__name__", "é:é", "-c:f", "geometric ", "''", "a\nb", "'a:b:c'", "sys:exit", "os:_exit", "os:abort",
-        )],
+        *[
+            setting(f"flow.estimator={value}")
+            for value in (
+                "a:",
+                ":b",
+                "::",
+                "os:system",
+                "os.path:join",
+                "json:nothing",
+                "nowhere:f",
+                ".:f",
+                "a..b:f",
+                "frames/x:f",
+                "json:__name__",
+                "é:é",
+                "-c:f",
+                "geometric ",
+                "''",
+                "a\nb",
+                "'a:b:c'",
+                "sys:exit",
+                "os:_exit",
+                "os:abort",
+            )
+        ],
         setting("relaxed_fit.solver=:"),
         setting("relaxed_fit.solver=sys:exit"),
         setting("flow.geometric.stiffness=[nan]"),
@@ -128,10 +160,20 @@ CASES = [
         preset("a long key", b".".join([b"a"] * 5000) + b" = 1\n"),
         preset("a date", b"seed = 1979-05-27T07:32:00Z\n"),
         preset("a byte order mark", b"\xef\xbb\xbfseed = 1\n", ("refused", "accepted")),
-        Case("preset: 3 GiB of zeros", "reart fit frames --out out --preset mine.toml",
-             both(given("frames"), sparse("mine.toml")), may=REFUSED),
-        Case("preset: a pipe", "mkfifo p.toml; reart fit frames --out out --preset p.toml", given("frames"),
-             may=REFUSED, seconds=30, writes=("p.toml",)),
+        Case(
+            "preset: 3 GiB of zeros",
+            "reart fit frames --out out --preset mine.toml",
+            both(given("frames"), sparse("mine.toml")),
+            may=REFUSED,
+        ),
+        Case(
+            "preset: a pipe",
+            "mkfifo p.toml; reart fit frames --out out --preset p.toml",
+            given("frames"),
+            may=REFUSED,
+            seconds=30,
+            writes=("p.toml",),
+        ),
         Case("version", "reart --version", may=("accepted",)),
         Case("short help", "reart -h && reart fit -h", may=("accepted",)),
     ),

@@ -12,12 +12,14 @@ import numpy as np
 
 from attacks.case import Case, Verdict, similar
 from attacks.hinge import Prepared
-from attacks.lists.makers import FIT, both, file, given, sparse
+from attacks.lists.makers import FIT, a_folder, both, file, given, gone, sparse
 
 ANY: tuple[Verdict, ...] = ("refused", "failed", "accepted")
 REFUSED: tuple[Verdict, ...] = ("refused",)
-TRAIN = ("reart train-flow --out out --preset smoke --set steps={} --set validate_every=1 --set validation_pairs=1 "
-         "--set points=64 --set batch=1 --set 'robots=[]' --set robot_share=0 --set 'validation_robots=[]'")
+TRAIN = (
+    "reart train-flow --out out --preset smoke --set steps={} --set validate_every=1 --set validation_pairs=1 "
+    "--set points=64 --set batch=1 --set 'robots=[]' --set robot_share=0 --set 'validation_robots=[]'"
+)
 STEPS = 2
 SHIPPED = Path(__file__).parents[3] / "stages" / "flow" / "network" / "weights.safetensors"
 NETWORK = FIT + " --set flow.estimator=network --set flow.network.weights=w.safetensors"
@@ -33,8 +35,12 @@ def trained(folder: Path, prepared: Prepared) -> None:
     shutil.copytree(kept, folder / "out")
 
 
-def checkpoint(name: str, change: Callable[[bytes], bytes], file_name: str = "checkpoint.safetensors",
-               may: tuple[Verdict, ...] = ANY) -> Case:
+def checkpoint(
+    name: str,
+    change: Callable[[bytes], bytes],
+    file_name: str = "checkpoint.safetensors",
+    may: tuple[Verdict, ...] = ANY,
+) -> Case:
     def make(folder: Path, prepared: Prepared) -> None:
         trained(folder, prepared)
         path = folder / "out" / file_name
@@ -44,8 +50,12 @@ def checkpoint(name: str, change: Callable[[bytes], bytes], file_name: str = "ch
 
 
 def weights(name: str, change: Callable[[bytes], bytes]) -> Case:
-    return Case(f"weights: {name}", NETWORK, both(given("frames"), file("w.safetensors", change(SHIPPED.read_bytes()))),
-                may=REFUSED)
+    return Case(
+        f"weights: {name}",
+        NETWORK,
+        both(given("frames"), file("w.safetensors", change(SHIPPED.read_bytes()))),
+        may=REFUSED,
+    )
 
 
 def head(change: Callable[[dict], object]) -> Callable[[bytes], bytes]:  # type: ignore[type-arg]
@@ -81,25 +91,38 @@ def notes(**values: str) -> Callable[[dict], object]:  # type: ignore[type-arg]
     return lambda header: header["__metadata__"].update(values)
 
 
-
 CASES = [
     *[checkpoint(f"a flipped byte at {share:.0%}", flip_at(share)) for share in (0.0, 0.0005, 0.01, 0.03, 0.3, 0.9)],
-    *[checkpoint(f"cut to {share:.0%}", lambda content, share=share: content[: int(share * len(content))])  # type: ignore[misc]
-      for share in (0.0, 0.01, 0.5, 0.99)],
+    *[
+        checkpoint(f"cut to {share:.0%}", lambda content, share=share: content[: int(share * len(content))])  # type: ignore[misc]
+        for share in (0.0, 0.01, 0.5, 0.99)
+    ],
     checkpoint("numbers that are NaN", nan),
     weights("numbers that are NaN", nan),
-    Case("a killed loader", "(for try in $(seq 600); do sleep 0.1; loader=$(pgrep -s 0 -f 'spawn_main.*--multiprocessing-fork' | head -1); "
-         "[ \"$loader\" ] && sleep 2 && kill -9 $loader && break; done) & " + TRAIN.format(2000), may=("failed", "refused"),
-         says="killed|ended|loader|SIGKILL"),
+    Case(
+        "a killed loader",
+        "(for try in $(seq 600); do sleep 0.1; loader=$(pgrep -s 0 -f 'spawn_main.*--multiprocessing-fork' | head -1); "
+        '[ "$loader" ] && sleep 2 && kill -9 $loader && break; done) & ' + TRAIN.format(2000),
+        may=("failed", "refused"),
+        says="killed|ended|loader|SIGKILL",
+    ),
     *similar(
         checkpoint("a step of words", head(notes(step="two"))),
         checkpoint("a step of -1", head(notes(step="-1"))),
         checkpoint("a step of 10 ** 30", head(notes(step=str(10**30)))),
         checkpoint("no notes", head(lambda header: header.pop("__metadata__"))),
         checkpoint("notes that lack the step", head(lambda header: header["__metadata__"].pop("step"))),
-        checkpoint("a tensor that is missing", head(lambda header: header.pop(next(iter(set(header) - {"__metadata__"}))))),
-        checkpoint("a tensor of another name", head(lambda header: header.update(
-            {"optimizer.x.exp_avg": header.pop(sorted(set(header) - {"__metadata__"})[0])}))),
+        checkpoint(
+            "a tensor that is missing", head(lambda header: header.pop(next(iter(set(header) - {"__metadata__"}))))
+        ),
+        checkpoint(
+            "a tensor of another name",
+            head(
+                lambda header: header.update(
+                    {"optimizer.x.exp_avg": header.pop(sorted(set(header) - {"__metadata__"})[0])}
+                )
+            ),
+        ),
         checkpoint("a header that nests", head(lambda header: b"[" * 100_000)),
         checkpoint("a header of 2 ** 60 bytes", lambda content: struct.pack("<Q", 2**60) + content[8:]),
         checkpoint("text", lambda content: b"hello"),
@@ -107,10 +130,18 @@ CASES = [
         checkpoint("a log of bytes", lambda content: bytes(range(256)), "log.jsonl"),
         checkpoint("a log that is cut", lambda content: content[: len(content) - 9], "log.jsonl"),
         checkpoint("a log that nests", lambda content: b"[" * 100_000, "log.jsonl"),
-        Case("checkpoint: a log that is missing", TRAIN.format(STEPS), both(
-            trained, lambda folder, prepared: (folder / "out/log.jsonl").unlink()), may=ANY),
-        Case("checkpoint: a folder", TRAIN.format(STEPS), lambda folder, prepared: (
-            folder / "out/checkpoint.safetensors").mkdir(parents=True), may=ANY),
+        Case(
+            "checkpoint: a log that is missing",
+            TRAIN.format(STEPS),
+            both(trained, gone("out/log.jsonl")),
+            may=ANY,
+        ),
+        Case(
+            "checkpoint: a folder",
+            TRAIN.format(STEPS),
+            a_folder("out/checkpoint.safetensors"),
+            may=ANY,
+        ),
         Case("checkpoint: 3 GiB of zeros", TRAIN.format(STEPS), sparse("out/checkpoint.safetensors"), may=REFUSED),
         weights("text", lambda content: b"hello"),
         weights("nothing", lambda content: b""),
@@ -122,10 +153,20 @@ CASES = [
         weights("numbers of 1e30", lambda content: content[:-4000] + np.full(1000, 1e30, "<f4").tobytes()),
         weights("a pickle", lambda content: b"\x80\x04K\x01."),
         Case("weights: 3 GiB of zeros", NETWORK, both(given("frames"), sparse("w.safetensors")), may=REFUSED),
-        Case("weights: a pipe", f"mkfifo w.safetensors; {NETWORK}", given("frames"), may=REFUSED, seconds=30,
-             writes=("w.safetensors",)),
+        Case(
+            "weights: a pipe",
+            f"mkfifo w.safetensors; {NETWORK}",
+            given("frames"),
+            may=REFUSED,
+            seconds=30,
+            writes=("w.safetensors",),
+        ),
         Case("assets that are not there", TRAIN.format(STEPS) + " --assets nowhere", may=ANY),
-        Case("robots that are not there", "reart train-flow --out out --preset smoke --set 'robots=[\"../x\"]'", may=REFUSED),
+        Case(
+            "robots that are not there",
+            "reart train-flow --out out --preset smoke --set 'robots=[\"../x\"]'",
+            may=REFUSED,
+        ),
         Case("settings of another training", TRAIN.format(STEPS + 1), trained, may=REFUSED),
     ),
 ]
