@@ -19,13 +19,14 @@ import sys
 from collections.abc import Collection, Iterable, Sequence
 
 from pipeline import store
+from pipeline.failures import ProcessDied, one_line
 from pipeline.isolated_luigi import luigi
 from pipeline.order import prioritise
-from pipeline.plan import plan
+from pipeline.plan import origin_of, plan
 from pipeline.plugins import check_plugins
 from pipeline.processes import die_with_forking_parent, die_with_parent, how_it_ended
 from pipeline.protocol import Event, Report, Request, write_to_pipe
-from pipeline.task import StageTask, package_versions, upstream_first
+from pipeline.task import Job, StageTask, package_versions, upstream_first
 from pipeline.tasks import IngestTask, final_tasks
 from schemas.errors import InputError
 
@@ -47,16 +48,15 @@ class LocalLuigi:
             force_multiprocessing=True,
             wait_interval=0.2,
             send_failure_email=False,
+            check_unfulfilled_deps=False,  # a task reads what it needs, and says better what is wrong with it
         )
 
 
 def run(request: Request, report: Report) -> None:
     """Bring every requested sequence as far as it goes. Raises InputError for a request that cannot be met."""
     store.sweep(request.workdir)
-    jobs = plan(request, report)
+    jobs = [job for job in plan(request, report) if announce(job)]
     tasks = upstream_first(task for job in jobs for task in final_tasks(job))
-    for task in tasks:
-        task.tell("planned", complete=task.complete())
     prioritise([final_tasks(job) for job in jobs], request.workers)
     ingests = [IngestTask(job=job) for job in jobs]
     ingest(ingests, {task.stage for task in tasks if not task.complete()}, request.workers)
@@ -66,6 +66,19 @@ def run(request: Request, report: Report) -> None:
         preload({task.stage for task in pending})
         check_plugins(request.config)
         build(pending, request.workers)
+
+
+def announce(job: Job) -> bool:
+    """Tell what is to be made of a sequence. False, and a failure is told, where its folder cannot be looked into."""
+    origin = origin_of(job.source)
+    for task in upstream_first(final_tasks(job)):
+        try:
+            complete = task.complete()
+        except store.UnreadableArtifactError as error:
+            task.fail(error)
+            return False
+        task.tell("planned", complete=complete, origin=origin)
+    return True
 
 
 def ingest(tasks: Sequence[StageTask], pending: Collection[str], workers: int) -> None:
@@ -119,6 +132,15 @@ def preload(stages: Iterable[str]) -> None:
     gc.enable()
 
 
+@StageTask.event_handler(luigi.Event.DEPENDENCY_MISSING)
+def report_unknown(task: StageTask) -> None:
+    """Luigi could not find out whether a task is complete, and does not say why."""
+    try:
+        task.complete()
+    except Exception as error:
+        task.fail(error)
+
+
 @StageTask.event_handler(luigi.Event.PROCESS_FAILURE)
 def report_dead_worker(task: StageTask, luigi_message: str) -> None:
     """A worker that was killed, or crashed, could not record its failure itself."""
@@ -126,7 +148,7 @@ def report_dead_worker(task: StageTask, luigi_message: str) -> None:
         return  # it crashed on its way out, after its work was done
     code = int(re.findall(r"-?\d+", luigi_message)[-1])
     hint = " (most often for lack of memory)" if code == -signal.SIGKILL else ""
-    task.fail("ProcessDied", f"its process ended without a word: {how_it_ended(code)}{hint}")
+    task.fail(ProcessDied(f"its process ended without a word: {how_it_ended(code)}{hint}"))
 
 
 def main() -> None:
@@ -141,6 +163,8 @@ def main() -> None:
         run(Request.model_validate_json(sys.stdin.buffer.read()), report)
     except InputError as error:
         report(Event(kind="refused", message=str(error)))
+    except (OSError, MemoryError) as error:
+        sys.exit(one_line(error))  # the last line that the command line hears
 
 
 if __name__ == "__main__":

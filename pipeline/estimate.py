@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pipeline.place import stage_of
 from pipeline.protocol import Event
 
 Task = tuple[str, str]
@@ -49,11 +50,6 @@ class Estimate:
     def _expected(self, task: Task) -> float | None:
         seconds = self.seconds.get(stage_of(task[1]))
         return None if seconds is None else sum(seconds) / len(seconds)
-
-
-def stage_of(task: str) -> str:
-    """The stage of a task's label: `relaxed_fit` of `relaxed_fit[1]`."""
-    return task.partition("[")[0]
 
 
 def _chain(seconds: dict[Task, float], sequence: str) -> float:

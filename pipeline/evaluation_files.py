@@ -14,6 +14,7 @@ from pipeline.logs import OUR_LOGGER
 from pipeline.pages import address, page, picture_html, table_html
 from pipeline.protocol import Request
 from pipeline.report_tables import comparison_tables, full_tables, to_csv, to_markdown
+from schemas.names import is_name
 from schemas.scores import Comparison, Scores, SequenceScore
 
 PAGES = "sequences"
@@ -45,27 +46,29 @@ def write_evaluation(scores: Scores, workdir: Path, out: Path, comparison: Compa
         write_atomically(out / name, content.encode())
     if comparison is None:
         (out / "comparison.json").unlink(missing_ok=True)
-    for sequence in earlier - set(reported):  # known by its name: the folder may hold files of the user's
-        for ending in COPIED:
-            (out / PAGES / f"{sequence}{ending}").unlink(missing_ok=True)
+    kept = {*reported, *(entry.sequence for entry in scores.missing)}  # what is missing now may come back
+    if not (out / PAGES).is_symlink():  # it would lead to a folder that is not ours
+        for sequence in earlier - kept:  # known by its name: the folder may hold files of the user's
+            for ending in COPIED:
+                (out / PAGES / f"{sequence}{ending}").unlink(missing_ok=True)
 
 
 def copy_report(score: SequenceScore, workdir: Path, folder: Path) -> bool:
-    """Copy a sequence's page and picture, and say whether that went well.
+    """Copy a sequence's page and picture, and say whether that went well. Raises OSError where it cannot write.
 
-    Figures stand without them, so what is wrong is only a warning.
+    Figures stand without them, so an artifact that cannot be used is only a warning.
     """
     if score.report is None:
         return False
     directory = workdir / score.report
     try:
         contents = store.read_files(directory)
-        for ending in COPIED:
-            write_atomically(folder / f"{score.sequence}{ending}", contents[f"report{ending}"])
-        return True
-    except (store.CorruptArtifactError, OSError) as error:
+    except store.ArtifactError as error:
         logging.getLogger(OUR_LOGGER).warning("%s: no report (%s)", score.sequence, error)
         return False
+    for ending in COPIED:
+        write_atomically(folder / f"{score.sequence}{ending}", contents[f"report{ending}"])
+    return True
 
 
 def document(scores: Scores, comparison: Comparison | None = None) -> str:
@@ -93,10 +96,15 @@ def index_page(scores: Scores, reported: Iterable[str], comparison: Comparison |
 
 
 def _sequences_in(evaluation: Path) -> set[str]:
-    """The sequences of an evaluation that was written earlier; none where there is none that can be read."""
+    """The sequences of an evaluation that was written earlier; none where there is none that can be read.
+
+    Anybody may have written that file: what is no name, but a path, is left out.
+    """
     try:
-        return {str(score["sequence"]) for score in json.loads(evaluation.read_bytes())["sequences"]}
-    except (OSError, ValueError, KeyError, TypeError):
+        earlier = json.loads(evaluation.read_bytes())
+        entries = [*earlier["sequences"], *earlier.get("missing", ())]
+        return {entry["sequence"] for entry in entries if is_name(entry["sequence"])}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return set()
 
 

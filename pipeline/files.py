@@ -1,13 +1,78 @@
-"""Files that other programs may read at any moment."""
+"""Files that other programs may read, or write, at any moment. No symbolic link is followed where one is written."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
 import os
+import uuid
+from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
+
+PARTIAL = ".partial"
+_FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write beside `path`, then rename: a reader sees the old content or the new, never half of it."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)
+    """Write beside `path`, then rename: a reader sees the old content or the new, never half of it.
+
+    Any number of writers may write the same path; the last one's content stays. What killed writers left is removed.
+    Raises OSError, and then leaves nothing behind.
+    """
+    _sweep(path.parent)
+    with naming_file(path), _partial(path.parent) as (partial, file):
+        file.write(content)
+        file.flush()
+        os.replace(partial, path)
+
+
+def open_fresh(path: Path) -> IO[str]:
+    """A new text file in the place of what is there, which its other users keep. Raises OSError."""
+    while True:
+        path.unlink(missing_ok=True)
+        with contextlib.suppress(FileExistsError):  # another one was faster
+            return open(os.open(path, _FRESH, 0o666), "w", buffering=1, encoding="utf-8", errors="backslashreplace")
+
+
+@contextlib.contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Put the file's name into an OSError that lacks it, as one of writing does."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno is not None:
+            error.filename = str(path)
+        raise
+
+
+@contextlib.contextmanager
+def _partial(folder: Path) -> Iterator[tuple[Path, IO[bytes]]]:
+    """A new file in a folder, locked against sweepers. It is gone at the end, unless it was renamed."""
+    while True:
+        partial = folder / f".{uuid.uuid4().hex[:12]}{PARTIAL}"
+        with open(os.open(partial, _FRESH, 0o666), "wb") as file:
+            try:
+                _lock(file.fileno())
+                if partial.exists():  # no sweeper was faster
+                    yield partial, file
+                    return
+            finally:
+                partial.unlink(missing_ok=True)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what killed writers left in a folder. A living one holds a lock."""
+    for partial in folder.glob(f".*{PARTIAL}"):
+        with contextlib.suppress(OSError), open(os.open(partial, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            partial.unlink()
+
+
+def _lock(handle: int) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    except OSError as error:
+        if error.errno not in (errno.ENOTSUP, errno.ENOSYS, errno.ENOLCK, errno.EINVAL):
+            raise  # else a file system without locks: there nobody sweeps either

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from pipeline import store
+from pipeline.place import Place
 from pipeline.processes import ONE_THREAD, how_it_ended
 from pipeline.protocol import Event, Request
 
@@ -24,7 +25,8 @@ class Outcome:
     """What a run was to make, and what went wrong."""
 
     folder: Path
-    planned: dict[tuple[str, str], Path] = field(default_factory=dict)
+    planned: dict[tuple[str, str], Place] = field(default_factory=dict)
+    origins: dict[str, dict[str, str]] = field(default_factory=dict)
     failures: dict[tuple[str, str], Event] = field(default_factory=dict)
     unavailable: dict[str, str] = field(default_factory=dict)
     refused: str = ""
@@ -32,9 +34,11 @@ class Outcome:
 
     def note(self, event: Event) -> None:
         if event.kind == "planned":
-            self.planned[event.sequence, event.task] = self.folder / event.sequence / event.artifact
+            directory = self.folder / event.sequence / event.artifact
+            self.planned[event.sequence, event.task] = Place(event.sequence, event.task, directory)
+            self.origins[event.sequence] = event.origin
         elif event.kind == "failed":
-            self.failures[event.sequence, event.task] = event
+            self.failures.setdefault((event.sequence, event.task), event)  # the cause; what follows from it comes later
         elif event.kind == "warning" and not event.artifact:
             self.unavailable[event.sequence] = event.message
         elif event.kind == "refused":
@@ -42,7 +46,17 @@ class Outcome:
 
     def incomplete(self) -> list[tuple[str, str]]:
         """(sequence, task) of what is not there: asked of the disk, not of the engine."""
-        return [task for task, directory in self.planned.items() if store.completed_at(directory) is None]
+        return [task for task, place in self.planned.items() if not self.is_complete(place)]
+
+    def is_complete(self, place: Place) -> bool:
+        """Whether an artifact is there, as far as this process may look."""
+        with contextlib.suppress(store.UnreadableArtifactError):
+            return store.completed_at(place.directory) is not None
+        return False
+
+    def places_of(self, sequence: str) -> list[Place]:
+        """Where a sequence's artifacts lie, each after what it was made from."""
+        return [place for place in self.planned.values() if place.sequence == sequence]
 
     def exit_code(self) -> int:
         """0 where everything is there; 2 where only the user's input was wrong; 1 for any other failure."""

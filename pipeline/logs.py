@@ -9,6 +9,8 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from pipeline.files import open_fresh
+
 OUR_LOGGER = "rearticulate"
 
 
@@ -16,12 +18,13 @@ OUR_LOGGER = "rearticulate"
 def captured(path: Path, on_warning: Callable[[str], None]) -> Iterator[None]:
     """Send standard output, standard error (those of C libraries too) and all logging to a new file.
 
+    Another process that writes a log of the same path keeps its own. Raises OSError where the file cannot be made.
     Warnings of our own loggers are for the user: `on_warning` gets them as well.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     root = logging.getLogger()
     level = root.level
-    with path.open("w", buffering=1) as log, contextlib.ExitStack() as stack:
+    with open_fresh(path) as log, contextlib.ExitStack() as stack:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         for descriptor in (1, 2):

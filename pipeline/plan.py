@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from pipeline.failures import one_line
 from pipeline.protocol import Event, Report, Request, ignore
-from pipeline.store import completed_at
+from pipeline.store import ArtifactError, completed_at
 from pipeline.task import Job, StageTask, upstream_first
 from pipeline.tasks import STAGES, final_tasks
 from schemas.errors import InputError, UnavailableError
-from stages.ingest.sources import Source, file_source, list_sources
+from stages.ingest.sources import DescribedSource, RoboartSource, Source, file_source, list_sources
 from stages.ingest.truth import truth_files
 
 
@@ -26,24 +27,39 @@ def plan(request: Request, report: Report = ignore) -> list[Job]:
     jobs = []
     for source in _sources(request):
         try:
-            digest = source.digest()
-        except InputError as error:
+            jobs.append(_job(source, request, report))
+        except (InputError, ArtifactError, OSError) as error:
             optional = isinstance(error, UnavailableError) and request.sequences is None
             report(
                 Event(
                     kind="warning" if optional else "failed",
                     sequence=source.name,
                     task="ingest",
-                    message=str(error),
-                    bad_input=not optional,
+                    message=one_line(error),
+                    bad_input=isinstance(error, InputError) and not optional,
                 )
             )
-            continue
-        job = Job(request.dataset, source, digest, request.config, request.workdir, report)
-        if request.rerun is not None:
-            job.replaces.update(_completion_times(downstream_of(request.rerun, final_tasks(job))))
-        jobs.append(job)
     return jobs
+
+
+def _job(source: Source, request: Request, report: Report) -> Job:
+    job = Job(request.dataset, source, source.digest(), request.config, request.workdir, report)
+    if request.rerun is not None:
+        job.replaces.update(_completion_times(downstream_of(request.rerun, final_tasks(job))))
+    return job
+
+
+def origin_of(source: Source) -> dict[str, str]:
+    """What a sequence shows, where that has a name; of RoboArt's robots the type and the split, too."""
+    match source:
+        case RoboartSource(thing=robot):
+            from stages.ingest.roboart import robot_kind, robot_split
+
+            return {"robot": robot, "type": robot_kind(robot), "split": robot_split(robot)}
+        case DescribedSource(thing=thing):
+            return {"robot": thing}
+        case _:
+            return {}
 
 
 def downstream_of(stage: str, tasks: Sequence[StageTask]) -> list[StageTask]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from schemas.artifact import Schema
 from schemas.config import PipelineConfig
@@ -37,12 +37,19 @@ class Event(Schema):
     task: str = ""
     artifact: str = ""
     complete: bool = False
+    origin: dict[str, str] = Field(default={}, description="what a planned sequence shows, as `plan.origin_of` tells")
     done: int = 0
     total: int = 0
     energy: float | None = None
     seconds: float = 0.0
     message: str = ""
     bad_input: bool = False
+
+    @field_validator("message")
+    @classmethod
+    def _sendable(cls, message: str) -> str:
+        """A message that fits into a line; a file's name in it may hold bytes that are no text."""
+        return message.encode("utf-8", "backslashreplace").decode()[:MESSAGE_LIMIT]
 
 
 Report = Callable[[Event], None]
@@ -60,9 +67,8 @@ def write_to_pipe(handle: int) -> Report:
     """
 
     def report(event: Event) -> None:
-        shortened = event.model_copy(update={"message": event.message[:MESSAGE_LIMIT]})
         try:
-            os.write(handle, shortened.model_dump_json().encode() + b"\n")
+            os.write(handle, event.model_dump_json().encode() + b"\n")
         except BrokenPipeError:
             os._exit(1)
 

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from pydantic import ValidationError
 
 from pipeline import store
-from pipeline.plan import plan
+from pipeline.place import Place
+from pipeline.plan import origin_of, plan
 from pipeline.protocol import Event, Request
 from pipeline.status import TaskStatus, task_status
-from pipeline.task import Job, StageTask, upstream_first
+from pipeline.task import Job, upstream_first
 from pipeline.tasks import EvaluationTask, ReportTask, ResultTask, final_tasks
 from schemas.errors import InputError
 from schemas.metrics import Metrics
 from schemas.scores import Figures, GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
-from stages.ingest.roboart import robot_kind, robot_split
-from stages.ingest.sources import DescribedSource, RoboartSource, Source, list_sources
+from stages.ingest.sources import list_sources
 from stages.kernels.roc import area_under_roc
 from stages.summary import figures_of, mean_costs, mean_figures, total_cost
 
@@ -30,6 +32,19 @@ GROUPING: dict[Level, Callable[[SequenceScore], str | None]] = {
     "split": lambda score: score.split,
     "all": lambda score: "all",
 }
+
+
+@dataclass(frozen=True)
+class PlannedSequence:
+    """A sequence that is to be evaluated: what it shows, and where its artifacts lie."""
+
+    name: str
+    origin: Mapping[str, str]
+    places: Sequence[Place]
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        return cls(job.source.name, origin_of(job.source), [task.place for task in upstream_first(final_tasks(job))])
 
 
 def gather(request: Request, split: str | None = None) -> Scores:
@@ -44,30 +59,34 @@ def gather(request: Request, split: str | None = None) -> Scores:
         state: MissingState = "failed" if event.kind == "failed" else "unavailable"
         missing.append(MissingScore(sequence=event.sequence, state=state, message=event.message))
 
-    scores = []
-    for job in plan(request, note):
-        found = score_of(job)
-        if isinstance(found, SequenceScore):
-            scores.append(found)
-        else:
-            missing.append(found)
+    planned = [PlannedSequence.of(job) for job in plan(request, note)]
     if wanted is not None:
-        scores = [score for score in scores if score.sequence in wanted]
+        planned = [sequence for sequence in planned if sequence.name in wanted]
         missing = [entry for entry in missing if entry.sequence in wanted]
+    return scores_of(request, planned, missing, split)
+
+
+def scores_of(
+    request: Request, planned: Iterable[PlannedSequence], missing: Sequence[MissingScore], split: str | None = None
+) -> Scores:
+    """The evaluation of planned sequences, beside those that are known to be `missing`. No input is read."""
+    found = [score_of(sequence) for sequence in planned]
+    scores = [entry for entry in found if isinstance(entry, SequenceScore)]
     return Scores(
         dataset=request.dataset,
         created=datetime.now(UTC),
         config=request.config.model_dump(mode="json"),
         split=split,
         sequences=tuple(scores),
-        missing=tuple(missing),
+        missing=(*missing, *(entry for entry in found if isinstance(entry, MissingScore))),
         groups=tuple(groups_of(scores)),
     )
 
 
 def sequences_of(split: str, request: Request) -> set[str]:
     """The names of a split's sequences. Raises InputError for a split that the data set does not have."""
-    splits = {source.name: _origin(source).get("split") for source in list_sources(request.config.ingest, request.data)}
+    sources = list_sources(request.config.ingest, request.data)
+    splits = {source.name: origin_of(source).get("split") for source in sources}
     names = {name for name, of in splits.items() if of == split}
     if not names:
         known = ", ".join(sorted({of for of in splits.values() if of is not None}))
@@ -76,36 +95,42 @@ def sequences_of(split: str, request: Request) -> set[str]:
     return names
 
 
-def score_of(job: Job) -> SequenceScore | MissingScore:
+def score_of(planned: PlannedSequence) -> SequenceScore | MissingScore:
     """The evaluation of one sequence, or why it has none."""
-    evaluation, result, report = EvaluationTask(job=job), ResultTask(job=job), ReportTask(job=job)
-    tasks = upstream_first(final_tasks(job))
-    if not evaluation.complete():
-        return _why_missing(job.source.name, [task_status(task) for task in tasks])
+    statuses = [task_status(place) for place in planned.places]
+    directories = {place.stage: place.directory for place in planned.places}
+    done = {status.stage for status in statuses if status.state == "done"}
+    if EvaluationTask.stage not in done:
+        return _why_missing(planned.name, statuses)
     try:
-        metrics = store.read(evaluation.directory, Metrics)
-    except store.CorruptArtifactError as error:
-        return MissingScore(sequence=job.source.name, state="corrupt", message=str(error))
-    costs = costs_of(tasks)
+        metrics = store.read(directories[EvaluationTask.stage], Metrics)
+    except store.ArtifactError as error:
+        return MissingScore(sequence=planned.name, state=_state_of(error), message=str(error))
+    costs = costs_of(planned.places)
+
+    def folder(stage: str) -> str | None:
+        """From the working directory, which holds data sets, which hold sequences."""
+        return Path(*directories[stage].parts[-3:]).as_posix() if stage in done else None
+
     return SequenceScore(
-        sequence=job.source.name,
-        **_origin(job.source),
+        sequence=planned.name,
+        **planned.origin,
         metrics=metrics,
         figures=figures_of(metrics, costs),
         costs=costs,
-        result=result.directory.relative_to(job.workdir).as_posix() if result.complete() else None,
-        report=report.directory.relative_to(job.workdir).as_posix() if report.complete() else None,
+        result=folder(ResultTask.stage),
+        report=folder(ReportTask.stage),
     )
 
 
-def costs_of(tasks: Sequence[StageTask]) -> dict[str, StageCost]:
-    """What each stage took, by the manifests of those tasks whose artifacts are still there, and sound."""
+def costs_of(places: Sequence[Place]) -> dict[str, StageCost]:
+    """What each stage took, by the manifests of those artifacts that are still there, and sound."""
     costs: dict[str, list[StageCost]] = {}
-    for task in tasks:
-        with contextlib.suppress(store.CorruptArtifactError):
-            manifest = store.read_manifest(task.directory)
+    for place in places:
+        with contextlib.suppress(store.ArtifactError):
+            manifest = store.read_manifest(place.directory)
             cost = StageCost(seconds=sum(manifest.seconds.values()), peak_memory_mib=manifest.peak_memory_mib)
-            costs.setdefault(task.stage, []).append(cost)
+            costs.setdefault(place.stage, []).append(cost)
     return {stage: total_cost(of_stage) for stage, of_stage in costs.items()}
 
 
@@ -143,27 +168,16 @@ def read_scores(path: Path) -> Scores:
         raise InputError(f"{path}: {field}: {first['msg']}; {advice}") from error
 
 
-def _origin(source: Source) -> dict[str, str]:
-    """What a sequence shows, where that has a name; of RoboArt's robots the type and the split, too."""
-    match source:
-        case RoboartSource(thing=robot):
-            return {"robot": robot, "type": robot_kind(robot), "split": robot_split(robot)}
-        case DescribedSource(thing=thing):
-            return {"robot": thing}
-        case _:
-            return {}
+def _state_of(error: store.ArtifactError) -> MissingState:
+    return "corrupt" if isinstance(error, store.CorruptArtifactError) else "unreadable"
 
 
 def _why_missing(sequence: str, statuses: Sequence[TaskStatus]) -> MissingScore:
-    """The first task that failed or is corrupt tells; else whether anything was computed at all."""
+    """The first task that failed, or whose artifact cannot be used, tells; else whether anything was computed."""
     for status in statuses:
-        if status.state in ("failed", "corrupt"):
-            return MissingScore(
-                sequence=sequence,
-                state="failed" if status.state == "failed" else "corrupt",
-                message=f"{status.task}: {status.message}",
-                log=status.log,
-            )
+        if status.state in ("failed", "corrupt", "unreadable"):
+            message = f"{status.task}: {status.message}"
+            return MissingScore(sequence=sequence, state=status.state, message=message, log=status.log)
     done = sum(status.state == "done" for status in statuses)
     if any(status.stage == EvaluationTask.stage and status.state == "stale" for status in statuses):
         return MissingScore(

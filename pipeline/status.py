@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import os
 from typing import Literal
 
 from pydantic import ValidationError
 
 from pipeline import store
+from pipeline.place import Place
 from pipeline.plan import plan
 from pipeline.protocol import Event, Request
-from pipeline.task import StageTask, upstream_first
+from pipeline.task import upstream_first
 from pipeline.tasks import final_tasks
 from schemas.artifact import Schema
 from schemas.manifest import Failure
 
-State = Literal["done", "failed", "corrupt", "stale", "missing"]
+State = Literal["done", "failed", "corrupt", "unreadable", "stale", "missing"]
 
 
 class TaskStatus(Schema):
-    """One task: `stale` means that only an artifact of other settings, input or code is there."""
+    """One task: `stale` means that only an artifact of other settings, input or code is there.
+
+    `unreadable` means that this process cannot tell, for want of memory or permission.
+    """
 
     sequence: str
     stage: str
@@ -30,8 +35,8 @@ class TaskStatus(Schema):
     path: str | None = None
 
 
-def collect(request: Request) -> list[TaskStatus]:
-    """The state of every task of a request, sequence by sequence. Raises InputError as `plan` does."""
+def collect(request: Request, check: bool = False) -> list[TaskStatus]:
+    """The state of every task of a request, sequence by sequence; `check` reads every file. Raises as `plan` does."""
     unreadable: list[TaskStatus] = []
 
     def note(event: Event) -> None:
@@ -41,29 +46,34 @@ def collect(request: Request) -> list[TaskStatus]:
         )
 
     jobs = plan(request, note)
-    return unreadable + [task_status(task) for job in jobs for task in upstream_first(final_tasks(job))]
+    tasks = [task for job in jobs for task in upstream_first(final_tasks(job))]
+    return unreadable + [task_status(task.place, check) for task in tasks]
 
 
-def task_status(task: StageTask) -> TaskStatus:
-    """The state of one task."""
+def task_status(place: Place, check: bool = False) -> TaskStatus:
+    """The state of one task. An artifact is done by its manifest; `check` reads all its files, too."""
 
     def status(state: State, **more: object) -> TaskStatus:
-        name = {"sequence": task.job.source.name, "stage": task.stage, "task": task.label}
-        return TaskStatus.model_validate({**name, "state": state, "path": str(task.directory), **more})
+        name = {"sequence": place.sequence, "stage": place.stage, "task": place.task}
+        return TaskStatus.model_validate({**name, "state": state, "path": str(place.directory), **more})
 
-    if task.complete():
-        try:
-            return status("done", seconds=sum(store.read_manifest(task.directory).seconds.values()))
-        except store.CorruptArtifactError as error:
-            return status("corrupt", message=str(error))
-    if task.failure_path.exists():
-        return status("failed", message=_failure_message(task), log=str(task.log_path))
-    others = task.job.folder.glob(f"{task.stage}-*/{store.MANIFEST}")
+    try:
+        if store.completed_at(place.directory) is not None:
+            if check:
+                store.read_files(place.directory)
+            return status("done", seconds=sum(store.read_manifest(place.directory).seconds.values()))
+    except store.CorruptArtifactError as error:
+        return status("corrupt", message=str(error))
+    except store.UnreadableArtifactError as error:
+        return status("unreadable", message=str(error))
+    if os.path.lexists(place.failure):
+        return status("failed", message=_failure_message(place), log=str(place.log))
+    others = place.directory.parent.glob(f"{place.stage}-*/{store.MANIFEST}")
     return status("stale" if any(others) else "missing")
 
 
-def _failure_message(task: StageTask) -> str:
+def _failure_message(place: Place) -> str:
     try:
-        return Failure.model_validate_json(task.failure_path.read_bytes()).message
+        return Failure.model_validate_json(place.failure.read_bytes()).message
     except (OSError, ValidationError) as error:
-        return f"{task.failure_path.name} cannot be read ({type(error).__name__})"
+        return f"{place.failure.name} cannot be read ({type(error).__name__})"

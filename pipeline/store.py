@@ -17,11 +17,13 @@ import shutil
 import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from pydantic import ValidationError
 
 from pipeline.arrays import AnyArtifact, arrays_of, assemble, pack, payload_of, read_array
+from pipeline.files import naming_file
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
 from schemas.manifest import ArrayEntry, Manifest, Provenance
@@ -32,23 +34,54 @@ STAGING = ".staging-"
 REPLACED = ".replaced-"
 
 
-class CorruptArtifactError(Exception):
-    """A stored artifact is not what was written. The message is one line: where, what, and what to do."""
+class ArtifactError(Exception):
+    """A stored artifact cannot be used. The message is one line: where, what, and what to do."""
+
+    advice: ClassVar[str]
 
     def __init__(self, directory: Path, what: str) -> None:
         self.what = what
-        super().__init__(
-            f"{directory}: {what}; the artifact is not used: remove this folder and give the same command again, "
-            "or compute it anew with `reart rerun`"
-        )
+        super().__init__(f"{directory}: {what}; {self.advice}")
+
+
+class CorruptArtifactError(ArtifactError):
+    """It is not what was written."""
+
+    advice = (
+        "the artifact is not used: remove this folder and give the same command again, "
+        "or compute it anew with `reart rerun`"
+    )
+
+
+class UnreadableArtifactError(ArtifactError):
+    """This process could not read it: for want of memory, threads, open files or permission. It may be sound."""
+
+    advice = "the artifact may be sound and stays as it is: see to that, and give the same command again"
+
+
+GONE = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
+
+
+def artifact_error(directory: Path, error: Exception, where: str = "") -> ArtifactError:
+    """What an exception on reading an artifact says: about the artifact, or about this process."""
+    said = error.strerror if isinstance(error, OSError) else None
+    what = " ".join((said or str(error)).split()) or type(error).__name__
+    of_process = isinstance(error, OSError | MemoryError) and not isinstance(error, GONE)
+    kind = UnreadableArtifactError if of_process or "start new thread" in what else CorruptArtifactError
+    return kind(directory, f"{where}: {what}" if where else what)
 
 
 def completed_at(directory: Path) -> int | None:
-    """When the artifact was completed, in nanoseconds; None where it is not complete. Costs one stat."""
+    """When the artifact was completed, in nanoseconds; None where it is not complete. Costs one stat.
+
+    Raises UnreadableArtifactError where this process may not look.
+    """
     try:
         return os.stat(directory / MANIFEST).st_mtime_ns
     except (FileNotFoundError, NotADirectoryError):
         return None
+    except OSError as error:
+        raise artifact_error(directory, error, MANIFEST) from error
 
 
 def publish(
@@ -65,7 +98,7 @@ def publish(
     """
     packed, entries = pack(arrays_of(artifact))
     contents = {f"{ARRAYS}/{name}": content for name, content in packed.items()} | dict(files or {})
-    with _staging(directory) as staged:
+    with naming_file(directory), _staging(directory) as staged:
         for name, bytes_ in contents.items():
             (staged / name).parent.mkdir(parents=True, exist_ok=True)
             (staged / name).write_bytes(bytes_)
@@ -83,7 +116,10 @@ def publish(
 
 
 def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
-    """Read and check an artifact. Raises CorruptArtifactError for anything that is not as it was written."""
+    """Read and check an artifact. Raises CorruptArtifactError for anything that is not as it was written.
+
+    Raises UnreadableArtifactError where this process cannot tell.
+    """
     manifest = read_manifest(directory)
     contents = _checked_contents(directory, manifest)
     arrays = {entry.name: read_entry(directory, entry, contents) for entry in manifest.arrays}
@@ -94,23 +130,23 @@ def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
 
 
 def read_files(directory: Path) -> dict[str, bytes]:
-    """What `read_contents` gives, checked. Raises CorruptArtifactError for anything that is not as it was written."""
+    """What `read_contents` gives, checked, as `read` does."""
     return _checked_contents(directory, read_manifest(directory))
 
 
 def read_manifest(directory: Path) -> Manifest:
-    """Read and check a manifest. Raises CorruptArtifactError."""
+    """Read and check a manifest. Raises ArtifactError."""
     try:
         content = json.loads((directory / MANIFEST).read_bytes())
         manifest = Manifest.model_validate(content)
-    except OSError as error:
-        raise CorruptArtifactError(directory, f"{MANIFEST}: {error.strerror}") from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"]))
         raise CorruptArtifactError(directory, f"{MANIFEST}: field {field or '(all)'}: {first['msg']}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CorruptArtifactError(directory, f"{MANIFEST}: not readable as JSON ({error})") from error
+    except (OSError, MemoryError) as error:
+        raise artifact_error(directory, error, MANIFEST) from error
     if content.pop("digest") != _content_digest(content):
         raise CorruptArtifactError(directory, f"{MANIFEST}: its content was changed (its digest differs)")
     if directory.name != f"{manifest.stage}-{manifest.key}":
@@ -119,20 +155,32 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def read_contents(directory: Path) -> dict[str, bytes]:
-    """Every file of an artifact but the manifest, by its path inside the directory."""
-    files = sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / MANIFEST)
-    return {path.relative_to(directory).as_posix(): path.read_bytes() for path in files}
+    """Every file of an artifact but the manifest, by its path inside the directory. Raises ArtifactError."""
+    try:
+        files = sorted(path for path in _walk(directory) if path.is_file() and path != directory / MANIFEST)
+        return {path.relative_to(directory).as_posix(): path.read_bytes() for path in files}
+    except (OSError, MemoryError) as error:
+        raise artifact_error(directory, error) from error
+
+
+def _walk(directory: Path) -> Iterator[Path]:
+    """The files below a folder. Unlike `rglob` it raises OSError for a folder that cannot be listed."""
+
+    def give_up(error: OSError) -> None:
+        raise error
+
+    for folder, _, names in os.walk(directory, onerror=give_up):
+        yield from (Path(folder, name) for name in names)
 
 
 def read_entry(directory: Path, entry: ArrayEntry, contents: Mapping[str, bytes]) -> np.ndarray:
-    """One array of an artifact of these contents, checked. Raises CorruptArtifactError."""
+    """One array of an artifact of these contents, checked. Raises ArtifactError."""
     within = f"{ARRAYS}/{entry.name}/"
     files = {name.removeprefix(within): content for name, content in contents.items() if name.startswith(within)}
     try:
         return read_array(files, entry)
     except Exception as error:  # zarr and its codecs raise whatever a broken file makes them stumble over
-        what = " ".join(f"{error}".split()) or type(error).__name__
-        raise CorruptArtifactError(directory, f"{ARRAYS}/{entry.name}: {what}") from error
+        raise artifact_error(directory, error, f"{ARRAYS}/{entry.name}") from error
 
 
 def file_problems(contents: Mapping[str, bytes], manifest: Manifest) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import logging
 import platform
@@ -17,9 +18,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pipeline import store
+from pipeline.failures import one_line
+from pipeline.files import write_atomically
 from pipeline.isolated_luigi import luigi
 from pipeline.keys import artifact_key, canonical_json
 from pipeline.logs import captured
+from pipeline.place import Place
 from pipeline.plugins import own_code
 from pipeline.processes import die_with_forking_parent, peak_memory_mib
 from pipeline.protocol import Event, Report, ignore
@@ -116,12 +120,8 @@ class StageTask(luigi.Task):
         return self.job.folder / f"{self.stage}-{self.key}"
 
     @property
-    def log_path(self) -> Path:
-        return self.directory.with_name(f"{self.directory.name}.log")
-
-    @property
-    def failure_path(self) -> Path:
-        return self.directory.with_name(f"{self.directory.name}.failed.json")
+    def place(self) -> Place:
+        return Place(self.job.source.name, self.label, self.directory)
 
     def to_str_params(self, only_significant: bool = False, only_public: bool = False) -> dict[str, str]:
         """What Luigi tells tasks apart by; it must hold the key, or tasks of two configurations are one."""
@@ -129,47 +129,58 @@ class StageTask(luigi.Task):
         return parameters | {"dataset": self.job.dataset, "sequence": self.job.source.name, "key": self.key}
 
     def complete(self) -> bool:
-        """Whether the artifact is there, and is not one that a rerun replaces. Costs one stat."""
+        """Whether the artifact is there, and is not one that a rerun replaces. Costs one stat.
+
+        Raises UnreadableArtifactError.
+        """
         return store.completed_at(self.directory) not in (None, self.job.replaces.get(self.directory))
 
     def read(self) -> Artifact:
-        """The artifact, checked. Raises CorruptArtifactError."""
+        """The artifact, checked. Raises ArtifactError."""
         return store.read(self.directory, self.schema)
 
     def run(self) -> None:
         """Read, compute and publish, in a worker process of its own; say how it went."""
         die_with_forking_parent()
         start = time.perf_counter()
-        self.failure_path.unlink(missing_ok=True)
         self.tell("started")
-        with captured(self.log_path, lambda message: self.tell("warning", message=message)):
-            try:
-                self._make()
-            except (Exception, SystemExit) as error:
-                logging.exception("%s of %s failed", self.label, self.job.source.name)
-                self.fail(type(error).__name__, _one_line(error), isinstance(error, InputError))
-                raise
+        try:
+            self.place.failure.unlink(missing_ok=True)
+            with captured(self.place.log, lambda message: self.tell("warning", message=message)):
+                self._make_logged()
+        except (Exception, SystemExit) as error:
+            self.fail(error)
+            raise
         self.tell("finished", seconds=time.perf_counter() - start)
 
-    def fail(self, error: str, message: str, bad_input: bool = False) -> None:
-        """Record and report that this attempt failed."""
+    def fail(self, error: BaseException) -> None:
+        """Report that this attempt failed, and record it where that can be done."""
+        bad_input = isinstance(error, InputError)
+        self.tell("failed", message=one_line(error), bad_input=bad_input)
         failure = Failure(
             stage=self.stage,
             key=self.key,
-            error=error,
-            message=message,
+            error=type(error).__name__,
+            message=one_line(error),
             bad_input=bad_input,
             time=datetime.now(UTC),
-            log=self.log_path.name,
+            log=self.place.log.name,
         )
-        self.failure_path.parent.mkdir(parents=True, exist_ok=True)
-        self.failure_path.write_text(failure.model_dump_json(indent=1) + "\n")
-        self.tell("failed", message=message, bad_input=bad_input)
+        with contextlib.suppress(OSError):  # the disk may be what failed
+            self.directory.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(self.place.failure, failure.model_dump_json(indent=1).encode() + b"\n")
 
     def tell(self, kind: str, **news: Any) -> None:
         """Report an event of this task."""
         identity = {"sequence": self.job.source.name, "task": self.label, "artifact": self.directory.name}
         self.job.report(Event.model_validate({"kind": kind, **identity, **news}))
+
+    def _make_logged(self) -> None:
+        try:
+            self._make()
+        except (Exception, SystemExit):
+            logging.exception("%s of %s failed", self.label, self.job.source.name)
+            raise
 
     def _make(self) -> None:
         start = time.perf_counter()
@@ -227,11 +238,6 @@ def upstream_first(tasks: Iterable[StageTask]) -> list[StageTask]:
     for task in tasks:
         add(task)
     return list(ordered)
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return text if isinstance(error, InputError | store.CorruptArtifactError) else f"{type(error).__name__}: {text}"
 
 
 @cache

@@ -239,6 +239,9 @@ TASKS: tuple[type[StageTask], ...] = (
 STAGES = tuple(task.stage for task in TASKS)
 
 
+FINAL: tuple[type[StageTask], ...] = (ResultTask, ExportTask, EvaluationTask, ReportTask)
+
+
 def final_tasks(job: Job) -> list[StageTask]:
     """What a sequence ends in."""
-    return [ResultTask(job=job), ExportTask(job=job), EvaluationTask(job=job), ReportTask(job=job)]
+    return [task(job=job) for task in FINAL]

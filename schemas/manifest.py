@@ -8,19 +8,20 @@ from typing import Any, Literal
 from pydantic import Field
 
 from schemas.artifact import Schema
+from schemas.names import Name
 
 
 class Provenance(Schema):
     """How an artifact was made: enough to make it again."""
 
-    stage: str
+    stage: Name
     version: int = Field(description="version of the stage's code; a new one makes new keys")
-    dataset: str
-    sequence: str
-    key: str = Field(description="hash of stage, version, own settings, parameters, upstream keys and seed")
+    dataset: Name
+    sequence: Name
+    key: Name = Field(description="hash of stage, version, own settings, parameters, upstream keys and seed")
     parameters: dict[str, Any] = Field(description="what tells this task from others of its stage")
     config: dict[str, Any] = Field(description="the resolved configuration of the whole run that wrote this")
-    upstream: dict[str, str] = Field(description="keys of what was read; for ingest the source's digest")
+    upstream: dict[str, Name] = Field(description="keys of what was read; for ingest the source's digest")
     seed: int
     created: datetime
     seconds: dict[str, float] = Field(description="time spent reading the inputs and computing")

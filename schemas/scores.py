@@ -10,8 +10,9 @@ from pydantic import Field
 
 from schemas.artifact import Schema
 from schemas.metrics import Metrics
+from schemas.names import Name
 
-MissingState = Literal["failed", "corrupt", "stale", "missing", "unavailable"]
+MissingState = Literal["failed", "corrupt", "unreadable", "stale", "missing", "unavailable"]
 Level = Literal["robot", "type", "split", "all"]
 Verdict = Literal["better", "worse", "same"]
 
@@ -99,7 +100,7 @@ class StageCost(Schema):
 class SequenceScore(Schema):
     """One evaluated sequence. `robot`, `type` and `split` are None where the data set does not tell."""
 
-    sequence: str
+    sequence: Name
     robot: str | None = None
     type: str | None = None
     split: str | None = None
@@ -113,7 +114,7 @@ class SequenceScore(Schema):
 class MissingScore(Schema):
     """A sequence without an evaluation, and why."""
 
-    sequence: str
+    sequence: Name
     state: MissingState
     message: str
     log: str | None = None

@@ -77,7 +77,7 @@ def fit(
 
 def directory_of(outcome: Outcome, task: str) -> Path:
     """The artifact of a task of the only sequence."""
-    return next(directory for (_, label), directory in outcome.planned.items() if label == task)
+    return next(place.directory for place in outcome.planned.values() if place.task == task)
 
 
 def deliver(outcome: Outcome, out: Path) -> None:

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from pipeline import launch, store
 from pipeline.display import RunDisplay
+from pipeline.failures import AGAIN
 from pipeline.presets import DATASETS, load_config
 from pipeline.protocol import Request
 from schemas.config import PipelineConfig
@@ -125,10 +126,11 @@ def name_failures(outcome: launch.Outcome) -> None:
     """Say on standard error what went wrong, and where the logs are."""
     for failure in outcome.failures.values():
         log = outcome.log_of(failure)
-        where = f" (log: {log})" if log else ""
+        where = f" (log: {log})" if log and log.is_file() else ""
         print(f"error: {failure.sequence} {failure.task}: {failure.message}{where}", file=sys.stderr)
     if outcome.died:
-        print(f"error: {outcome.died}; what was complete is kept: give the same command again", file=sys.stderr)
+        again = "" if AGAIN in outcome.died else f"; see to that, {AGAIN}"
+        print(f"error: {outcome.died}{again}", file=sys.stderr)
     elif not outcome.failures and not outcome.planned:
         print(
             "error: none of the sequences is to be had on this machine; the warnings tell how to get them",

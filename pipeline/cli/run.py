@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import typer
 from rich.console import Console
 
+from pipeline import store
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
@@ -24,7 +26,7 @@ from pipeline.cli.options import (
     writable_folder,
 )
 from pipeline.cli.tables import screen_table
-from pipeline.launch import Outcome
+from pipeline.launch import FAILED, Outcome
 from pipeline.protocol import Request
 from pipeline.report_tables import brief_tables
 from schemas.scores import MissingScore, Scores
@@ -49,7 +51,7 @@ def run(
 
     - `reart run --dataset roboart --sequences bolt,ur5`
 
-    - `reart run --dataset scans --data my_scans --set final_fit.iterations=500`
+    - `reart run --dataset scans --data my_scans --set final_fit.part_price=20`
     """
     request = Request(
         dataset=dataset,
@@ -66,31 +68,55 @@ def finish(request: Request, write: bool = False) -> None:
     """Run a request to its end, show the evaluation of what is complete, and exit; `write` its files too."""
     console = screen()
     outcome = follow(request, console)
-    if outcome.planned:
-        scores = evaluation_of(request, outcome)
-        show(scores, console)
-        if write:
-            from pipeline.evaluation_files import default_folder, write_evaluation
+    unsound: list[store.ArtifactError] = []
+    try:
+        if outcome.planned:
+            unsound = unsound_results(outcome)
+            scores = evaluation_of(request, outcome)
+            show(scores, console)
+            if write:
+                from pipeline.evaluation_files import default_folder, write_evaluation
 
-            folder = default_folder(request)
-            write_evaluation(scores, request.workdir, folder)
-            console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
-    name_failures(outcome)
-    raise typer.Exit(outcome.exit_code())
+                folder = default_folder(request)
+                write_evaluation(scores, request.workdir, folder)
+                console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
+    finally:  # also where the evaluation cannot be written
+        name_failures(outcome)
+        for error in unsound:
+            print(f"error: {error}", file=sys.stderr)
+    raise typer.Exit(outcome.exit_code() or (FAILED if unsound else 0))
+
+
+def unsound_results(outcome: Outcome) -> list[store.ArtifactError]:
+    """What is wrong with the files of those artifacts that a run ends in. Every byte of them is read."""
+    from pipeline.tasks import FINAL
+
+    ends = {task.stage for task in FINAL}
+    unsound = []
+    for place in outcome.planned.values():
+        if place.stage in ends and outcome.is_complete(place):
+            try:
+                store.read_files(place.directory)
+            except store.ArtifactError as error:
+                unsound.append(error)
+    return unsound
 
 
 def evaluation_of(request: Request, outcome: Outcome) -> Scores:
-    """The evaluation of what a run was to make; what it could not get is not sought once more."""
-    from pipeline.scores import gather
+    """The evaluation of what a run was to make, from what it left on the disk. No input is read once more."""
+    from pipeline.scores import PlannedSequence, scores_of
 
-    sought = dict.fromkeys(sequence for sequence, _ in (*outcome.planned, *outcome.failures))
-    only = {"rerun": None} if request.frames else {"rerun": None, "sequences": tuple(sought)}
-    scores = gather(request.model_copy(update=only))
-    unavailable = tuple(
+    planned = [PlannedSequence(name, origin, outcome.places_of(name)) for name, origin in outcome.origins.items()]
+    missing = [
+        MissingScore(sequence=name, state="failed", message=failure.message)
+        for (name, _), failure in outcome.failures.items()
+        if name not in outcome.origins
+    ]
+    missing += [
         MissingScore(sequence=name, state="unavailable", message=message)
         for name, message in outcome.unavailable.items()
-    )
-    return scores.model_copy(update={"missing": scores.missing + unavailable})
+    ]
+    return scores_of(request, planned, missing)
 
 
 def show(scores: Scores, console: Console) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -24,7 +27,7 @@ from pipeline.protocol import Request
 if TYPE_CHECKING:
     from pipeline.status import TaskStatus
 
-COLOURS = {"corrupt": "red", "failed": "red", "stale": "yellow", "missing": "dim"}  # the worst first
+COLOURS = {"corrupt": "red", "unreadable": "red", "failed": "red", "stale": "yellow", "missing": "dim"}  # worst first
 
 
 def status(
@@ -35,25 +38,35 @@ def status(
     preset: PresetOption = None,
     seed: SeedOption = None,
     settings: SetOption,
+    check: Annotated[bool, typer.Option("--check", help="Read every artifact whole, not only its manifest.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show which stages are done, failed (and why), stale (made with other settings only) or missing.
+
+    With --check the exit code is 1 where any artifact is corrupt or cannot be read.
 
     Examples:
 
     - `reart status`
 
-    - `reart status --dataset scans --data my_scans --json`
+    - `reart status --dataset scans --data my_scans --check --json`
     """
     from pipeline.status import collect
 
     request = Request(
         dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed), data=data
     )
-    tasks = collect(request)
+    tasks = collect(request, check)
     if as_json:
         print(f"[{', '.join(task.model_dump_json() for task in tasks)}]")
-        return
+    else:
+        show(tasks, screen())
+    if check and any(task.state in ("corrupt", "unreadable") for task in tasks):
+        raise typer.Exit(1)
+
+
+def show(tasks: Sequence[TaskStatus], console: Console) -> None:
+    """A line a sequence and a column a stage; below it what went wrong."""
     cells: dict[str, dict[str, list[TaskStatus]]] = {}
     for task in tasks:
         cells.setdefault(task.sequence, {}).setdefault(task.stage, []).append(task)
@@ -61,7 +74,6 @@ def status(
     table = Table("sequence", *stages)
     for sequence, row in cells.items():
         table.add_row(sequence, *(_cell(row.get(stage, [])) for stage in stages))
-    console = screen()
     console.print(table)
     for task in tasks:
         if task.message:

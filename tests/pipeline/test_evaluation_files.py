@@ -11,7 +11,7 @@ from pipeline import store
 from pipeline.comparison import compare
 from pipeline.evaluation_files import default_folder, write_evaluation
 from pipeline.scores import gather
-from pipeline.tasks import ReportTask
+from pipeline.tasks import EvaluationTask, ReportTask
 from schemas.scores import MissingScore, Scores
 
 
@@ -76,7 +76,7 @@ def test_only_what_an_earlier_evaluation_wrote_is_removed(evaluated, written):
     assert not (out / "comparison.json").exists()
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"sequences": [{}]}'])
+@pytest.mark.parametrize("content", ["{", "[]", "[" * 200_000, '{"sequences": [{}]}'])
 def test_an_earlier_evaluation_that_cannot_be_read_is_overwritten(evaluated, written, content):
     scores, out = written
     (out / "evaluation.json").write_text(content)
@@ -110,3 +110,33 @@ def test_what_is_not_evaluated_is_on_the_page_and_nothing_is_taken_for_markup(wr
     assert "2 of 3 sequences evaluated" in page
     assert "&lt;script&gt;" in page
     assert "<script" not in page
+
+
+@pytest.mark.parametrize("name", ["{victim}", "../../victim", "..", "", 3, None])
+def test_an_earlier_evaluation_names_no_file_outside_the_folder(evaluated, written, tmp_path, name):
+    scores, out = written
+    for ending in (".html", ".png"):
+        (tmp_path / f"victim{ending}").write_text("mine")
+        (out.parent / f"victim{ending}").write_text("mine")
+    planted = {"sequences": [{"sequence": name and str(name).format(victim=tmp_path / "victim")}]}
+    (out / "evaluation.json").write_text(json.dumps(planted))
+    write_evaluation(scores, evaluated.workdir, out)
+    assert all((folder / f"victim{e}").exists() for folder in (tmp_path, out.parent) for e in (".html", ".png"))
+
+
+def test_pages_are_not_removed_through_a_link(evaluated, written, tmp_path):
+    _, out = written
+    (out / "sequences").rename(tmp_path / "elsewhere")
+    (out / "sequences").symlink_to(tmp_path / "elsewhere")
+    write_evaluation(gather(evaluated.request("ur5")), evaluated.workdir, out)
+    assert (tmp_path / "elsewhere" / "bolt.html").exists()
+
+
+def test_a_sequence_whose_evaluation_is_damaged_keeps_its_page_until_it_is_gone(evaluated, written):
+    _, out = written
+    (EvaluationTask(job=evaluated.job("bolt")).directory / store.MANIFEST).write_text("{")
+    for _ in range(2):  # the second time it was missing before, too
+        write_evaluation(gather(evaluated.request()), evaluated.workdir, out)
+        assert (out / "sequences" / "bolt.html").exists()
+    write_evaluation(gather(evaluated.request("ur5")), evaluated.workdir, out)
+    assert not (out / "sequences" / "bolt.html").exists()

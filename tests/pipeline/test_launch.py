@@ -49,3 +49,9 @@ def test_a_dead_engine_a_refusal_and_nothing_to_do_are_no_success(outcome, tmp_p
 def test_a_failed_task_has_its_log_beside_its_artifact(outcome, tmp_path):
     assert outcome.log_of(failed(bad_input=True)) == tmp_path / "lamp" / "ingest-0.log"
     assert outcome.log_of(Event(kind="failed", sequence="lamp", task="ingest")) is None
+
+
+def test_the_first_failure_of_a_task_is_its_cause(outcome):
+    outcome.note(failed(bad_input=True))
+    outcome.note(failed(bad_input=True).model_copy(update={"message": "its process ended"}))
+    assert [failure.message for failure in outcome.failures.values()] == [""]

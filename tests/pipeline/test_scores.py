@@ -4,7 +4,7 @@ import pytest
 
 from pipeline import store
 from pipeline.report_tables import joint_table
-from pipeline.scores import gather, groups_of, read_scores, score_of
+from pipeline.scores import PlannedSequence, gather, groups_of, read_scores, score_of
 from pipeline.task import upstream_first
 from pipeline.tasks import EvaluationTask, final_tasks
 from schemas.config import PipelineConfig
@@ -75,12 +75,12 @@ def test_what_has_no_evaluation_is_named_with_the_reason(evaluated):
     request = evaluated.request("bolt", "ur5", "a1")
     evaluation = EvaluationTask(job=evaluated.job("bolt"))
     shutil.rmtree(evaluation.directory)
-    evaluation.fail("ValueError", "it broke")
+    evaluation.fail(InputError("it broke"))
     other = PipelineConfig.model_validate(request.config.model_dump() | {"seed": 5})
     missing = {entry.sequence: entry for entry in gather(request).missing}
     assert missing["bolt"].state == "failed"
     assert missing["bolt"].message == "evaluation: it broke"
-    assert missing["bolt"].log == str(evaluation.log_path)
+    assert missing["bolt"].log == str(evaluation.place.log)
     assert missing["a1"].state == "missing"
     stale = gather(evaluated.request("ur5").model_copy(update={"config": other})).missing
     assert [entry.state for entry in stale] == ["stale"]
@@ -106,7 +106,7 @@ def test_an_evaluation_stands_without_what_it_was_computed_from(evaluated):
     for task in upstream_first(final_tasks(job)):
         if task.stage != "evaluation":
             shutil.rmtree(task.directory)
-    score = score_of(job)
+    score = score_of(PlannedSequence.of(job))
     assert isinstance(score, SequenceScore)
     assert (set(score.costs), score.result) == ({"evaluation"}, None)
 

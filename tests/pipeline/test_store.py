@@ -353,3 +353,52 @@ def test_a_sweep_touches_nothing_else(stored):
         path.write_text("")
     store.sweep(stored.parents[2])
     assert all(path.exists() for path in [stored, *kept])
+
+
+def unreadable(directory, schema):
+    with pytest.raises(store.UnreadableArtifactError) as caught:
+        store.read(directory, schema)
+    assert "remove" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), PermissionError(13, "Permission denied"), OSError(24, "Too many")])
+def test_what_this_process_could_not_read_is_not_called_corrupt(stored, samples, monkeypatch, error):
+    def fail(path):
+        raise error
+
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    assert str(stored) in unreadable(stored, type(samples["ingested"]))
+
+
+@pytest.mark.parametrize("error", [MemoryError("too much"), RuntimeError("can't start new thread")])
+def test_neither_is_what_it_could_not_unpack(stored, samples, monkeypatch, error):
+    def fail(files, entry):
+        raise error
+
+    monkeypatch.setattr(store, "read_array", fail)
+    assert str(error) in unreadable(stored, type(samples["ingested"]))
+
+
+def test_a_folder_inside_that_cannot_be_listed_is_not_taken_for_missing_files(stored, samples, monkeypatch):
+    listed = os.scandir
+
+    def scandir(path):
+        if "arrays.zarr" in str(path):
+            raise PermissionError(13, "Permission denied", str(path))
+        return listed(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    assert "Permission denied" in unreadable(stored, type(samples["ingested"]))
+
+
+def test_a_folder_that_cannot_be_looked_into_is_neither_complete_nor_missing(tmp_path):
+    (tmp_path / "flow-0").symlink_to("flow-0")
+    with pytest.raises(store.UnreadableArtifactError, match="Too many levels"):
+        store.completed_at(tmp_path / "flow-0")
+
+
+def test_json_nested_without_end_is_a_corrupt_manifest(stored):
+    (stored / store.MANIFEST).write_text("[" * 200_000)
+    with pytest.raises(store.CorruptArtifactError, match="not readable as JSON"):
+        store.read_manifest(stored)

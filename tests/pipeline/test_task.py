@@ -1,3 +1,5 @@
+import errno
+
 import numpy as np
 import pytest
 
@@ -76,7 +78,7 @@ def test_a_run_is_reported_from_start_to_finish_with_few_words_about_progress(ti
 def test_the_log_holds_what_the_stage_printed_and_logged(tiny, capfd):
     first, *_ = tiny.tasks(tiny.job())
     first.run()
-    log = first.log_path.read_text()
+    log = first.place.log.read_text()
     assert "a word on standard output" in log
     assert "three points were dropped" in log
     assert capfd.readouterr().out == ""
@@ -87,16 +89,16 @@ def test_a_failure_is_recorded_logged_and_reported_until_a_success(tiny, number_
     first, *_ = tiny.tasks(job)
     with pytest.raises(InputError):
         first.run()
-    failure = Failure.model_validate_json(first.failure_path.read_bytes())
+    failure = Failure.model_validate_json(first.place.failure.read_bytes())
     assert (failure.error, failure.message, failure.bad_input) == ("InputError", "frame.ply: found nothing", True)
-    assert "Traceback" in (first.failure_path.parent / failure.log).read_text()
+    assert "Traceback" in (first.place.failure.parent / failure.log).read_text()
     assert tiny.events[-1].kind == "failed"
     assert tiny.events[-1].bad_input
     assert not first.complete()
     again, *_ = tiny.tasks(tiny.job())
-    assert again.failure_path == first.failure_path
+    assert again.place.failure == first.place.failure
     again.run()
-    assert not again.failure_path.exists()
+    assert not again.place.failure.exists()
 
 
 def test_a_corrupt_input_is_named_and_not_used(tiny):
@@ -106,7 +108,7 @@ def test_a_corrupt_input_is_named_and_not_used(tiny):
     chunk.write_bytes(chunk.read_bytes()[:-1] + b"x")
     with pytest.raises(store.CorruptArtifactError):
         middle.run()
-    failure = Failure.model_validate_json(middle.failure_path.read_bytes())
+    failure = Failure.model_validate_json(middle.place.failure.read_bytes())
     assert str(first.directory) in failure.message
     assert not failure.bad_input
     assert not middle.complete()
@@ -136,3 +138,29 @@ def test_upstream_first_names_each_task_once_after_what_it_needs(tiny):
     assert sorted(task.label for task in ordered) == ["final_fit", "ingest", "merging[0]", "merging[1]"]
     for task in ordered:
         assert all(ordered.index(needed) < ordered.index(task) for needed in task.requires().values())
+
+
+@pytest.mark.parametrize("obstacle", ["log", "failure", "folder"])
+def test_whatever_stands_in_the_way_of_a_task_is_told(tiny, obstacle):
+    first, *_ = tiny.tasks(tiny.job())
+    if obstacle == "folder":
+        tiny.workdir.joinpath("scans").mkdir(parents=True)
+        first.job.folder.write_text("a file")
+    else:
+        getattr(first.place, obstacle).mkdir(parents=True)
+    with pytest.raises(OSError, match=str(first.job.folder)):
+        first.run()
+    assert kinds(tiny)[-1] == ("failed", "ingest")
+    assert str(first.job.folder) in tiny.events[-1].message
+    assert not tiny.events[-1].bad_input
+
+
+def test_a_full_disk_is_the_reason_that_is_told(tiny, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "somewhere")
+
+    monkeypatch.setattr(store, "pack", full)
+    first, *_ = tiny.tasks(tiny.job())
+    with pytest.raises(OSError, match="somewhere"):
+        first.run()
+    assert tiny.events[-1].message.startswith("somewhere: No space left on device; free some space")

@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.scores import gather
 from pipeline.tasks import EvaluationTask
+from schemas.errors import InputError
 
 
 @pytest.fixture
@@ -29,11 +30,11 @@ def test_where_everything_is_there_the_exit_code_is_0_and_tables_and_files_are_m
 
 def test_what_is_missing_is_named_and_the_exit_code_is_1(evaluate, evaluated):
     evaluation = EvaluationTask(job=evaluated.job("a1"))
-    evaluation.fail("ValueError", "it broke")
+    evaluation.fail(InputError("it broke"))
     result = evaluate("--sequences", "a1,bolt")
     assert result.exit_code == 1
     assert "bolt" in result.stdout
-    assert result.stderr.splitlines() == [f"a1 failed: evaluation: it broke (log: {evaluation.log_path})"]
+    assert result.stderr.splitlines() == [f"a1 failed: evaluation: it broke (log: {evaluation.place.log})"]
 
 
 def test_what_this_machine_lacks_is_named_but_fails_only_where_it_was_asked_for(evaluate, evaluated):

@@ -1,0 +1,85 @@
+"""What the command line needs of its process: standard streams, a current folder, and signals that it can answer."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from types import FrameType
+
+from schemas.errors import InputError
+
+ENDING = (signal.SIGTERM, signal.SIGHUP)
+
+
+class Ended(BaseException):
+    """A signal asks this process to end. It is no Exception, so that only clean-up stands in its way."""
+
+    def __init__(self, number: int) -> None:
+        self.name, self.exit_code = signal.Signals(number).name, 128 + number
+        super().__init__(self.name)
+
+
+@contextlib.contextmanager
+def answering_signals() -> Iterator[None]:
+    """Turn what would end this process at once into `Ended`, so that its children end and the cursor comes back.
+
+    Signals that are ignored, as under nohup, stay so.
+    """
+    answered = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
+
+    def end(number: int, frame: FrameType | None) -> None:
+        for other in answered:
+            signal.signal(other, signal.SIG_IGN)  # the first one is answered to its end
+        raise Ended(number)
+
+    for number in answered:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in answered:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def open_standard_streams() -> None:
+    """Open those that are closed, or the next file to be opened would take their place and get what is printed.
+
+    Names that are no text, or that the terminal cannot show, are printed with backslashes.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
+        elif number and hasattr(getattr(sys, name), "reconfigure"):
+            getattr(sys, name).reconfigure(errors="backslashreplace")
+
+
+def close_output() -> None:
+    """Write what is still buffered. Raises OSError where that fails; then nothing is left that could fail again."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
+
+
+def check_surroundings(words: Sequence[str]) -> None:
+    """Raises InputError for words that are no text, and where the current folder is gone."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(
+                f"{word.encode('utf-8', 'backslashreplace').decode()}: found a name that is not UTF-8; rename it"
+            ) from error
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(f"the current folder: {error.strerror}; change to one that is there") from error

@@ -1,0 +1,40 @@
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from pipeline.failures import ProcessDied, one_line
+from pipeline.store import CorruptArtifactError, UnreadableArtifactError
+from schemas.errors import InputError
+
+
+def os_error(code, *names):
+    return OSError(code, os.strerror(code), *names)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (InputError("a.ply: found\nnothing"), "a.ply: found nothing"),
+        (ProcessDied("it was killed"), "it was killed"),
+        (ValueError("odd"), "ValueError: odd"),
+        (os_error(errno.ENOSPC, "out/model.npz"), "out/model.npz: No space left on device; free some space"),
+        (os_error(errno.ENOSPC), "input or output: No space left on device; free some space"),
+        (os_error(errno.EACCES, b"\xff"), "Permission denied; check its permissions"),
+        (os_error(errno.ENOENT, "a", None, "b"), "b: No such file or directory; see to that"),
+        (os_error(errno.ENAMETOOLONG, "a" * 999), "a...: found a name too long for this system; give a shorter one"),
+        (MemoryError("8 GiB"), "found too little memory (8 GiB); allow more"),
+        (OSError("no code"), "OSError: no code"),
+    ],
+)
+def test_an_exception_is_one_line_with_what_to_do(error, said):
+    line = one_line(error)
+    assert said in line
+    assert "\n" not in line
+    assert len(line) < 400
+
+
+def test_an_artifact_that_could_not_be_read_is_not_called_corrupt():
+    lines = [one_line(kind(Path("flow-0"), "odd")) for kind in (CorruptArtifactError, UnreadableArtifactError)]
+    assert ["remove" in line for line in lines] == [True, False]
