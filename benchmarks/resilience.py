@@ -185,7 +185,7 @@ def hostile_tallies(judged: dict[str, Judged]) -> list[Tally]:
     tallies = []
     for subject, verdicts in by_subject.items():
         tried = [verdict for verdict in verdicts if verdict != "skipped"]
-        found = tally(f"hostile: {subject}", tried, ("refused", "accepted", "failed"))
+        found = tally(f"hostile: {subject}", tried, ("refused", "accepted", "failed", "ended"))
         skipped = {"skipped": len(verdicts) - len(tried)} if len(verdicts) > len(tried) else {}
         tallies.append(found.model_copy(update={"outcomes": found.outcomes | skipped}))
     return tallies

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from attacks.command import GIB, SECONDS, Ran
 from attacks.hinge import Prepared
 
-Verdict = Literal["refused", "accepted", "failed", "broken", "skipped"]
+Verdict = Literal["refused", "accepted", "failed", "ended", "broken", "skipped"]
 Maker = Callable[[Path, Prepared], None]
 Check = Callable[[Path, Ran], str]  # what is wrong with what came of it; empty where nothing is
 
@@ -45,7 +46,7 @@ class Case:
     check: Check | None = None
     keeps: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
-    exits: tuple[int, ...] = ()  # further exit codes that are right, as of a signal
+    exits: tuple[int, ...] = ()  # further exit codes that are right, as that of a signal: then it is `ended`
     similar: bool = False  # no report named it: thought out here, alike
     terminal: bool = False
     needs_root: bool = False
@@ -61,20 +62,15 @@ class Judged:
     verdict: Verdict
     reasons: tuple[str, ...] = ()
     ran: Ran | None = None
-    tags: dict[str, str] = field(default_factory=dict)
 
 
 def similar(*cases: Case) -> list[Case]:
     """The same, marked as thought out here."""
-    from dataclasses import replace
-
     return [replace(case, similar=True) for case in cases]
 
 
 def outcome(ran: Ran) -> tuple[Verdict, list[str]]:
     """What an ended command did, and what is wrong with how it did it."""
-    import re
-
     wrong = []
     if ran.code is None:
         return "broken", [f"ended after {ran.seconds:.0f} s with {ran.peak_gib:.1f} GiB"]
@@ -90,16 +86,14 @@ def outcome(ran: Ran) -> tuple[Verdict, list[str]]:
             wrong.append(f"{len(errors)} lines of error")
         return ("broken" if wrong else "refused"), wrong
     if ran.code == 1:
-        if not errors:
-            wrong.append("no line of error")
+        if not ran.err.strip():
+            wrong.append("no word of why")
         return ("broken" if wrong else "failed"), wrong
     return "broken", [*wrong, f"exit code {ran.code}"]
 
 
 def judge(case: Case, folder: Path, prepared: Prepared) -> Judged:
     """Make a case's files in a fresh folder, run it, and look at what came of it."""
-    import re
-
     if case.needs_root and os.geteuid() != 0:
         return Judged(case, "skipped", ("needs root",))
     folder.mkdir(parents=True)
@@ -111,7 +105,7 @@ def judge(case: Case, folder: Path, prepared: Prepared) -> Judged:
     verdict, reasons = outcome(ran)
     if ran.code in case.exits and ran.code is not None:
         reasons = [reason for reason in reasons if reason != f"exit code {ran.code}"]
-        verdict = "broken" if reasons else "accepted"
+        verdict = "broken" if reasons else "ended"
     elif verdict not in (*case.may, "broken"):
         reasons.append(f"{verdict}, expected {' or '.join(case.may)}")
     if ran.peak_gib > case.gib:
@@ -120,7 +114,7 @@ def judge(case: Case, folder: Path, prepared: Prepared) -> Judged:
         reasons.append(f"does not say {case.says!r}")
     reasons += [f"changed {name}" for name in changed(before, contents(folder, case))]
     reasons += [f"left {path.name} among the temporary files" for path in sorted(Path(env["TMPDIR"]).iterdir())]
-    if case.check is not None and verdict in ("accepted", "failed") and (complaint := case.check(folder, ran)):
+    if case.check is not None and verdict in ("accepted", "failed", "ended") and (complaint := case.check(folder, ran)):
         reasons.append(complaint)
     return Judged(case, "broken" if reasons else verdict, tuple(reasons), ran)
 

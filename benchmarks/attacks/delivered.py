@@ -9,16 +9,28 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from pipeline.delivery import check_delivery
 
 from pipeline.model_folder import read_model_folder
 from schemas.errors import InputError
 
-DELIVERED = ("model.json", "model.npz", "robot.urdf", "robot.xml", "meshes/*.stl", "report.html", "metrics.json")
+DELIVERED = (
+    "delivered.json",
+    "model.json",
+    "model.npz",
+    "robot.urdf",
+    "robot.xml",
+    "meshes/*.stl",
+    "report.html",
+    "metrics.json",
+)
 
 
 def delivered_problem(folder: Path) -> str:
     """The first thing that the product finds wrong with a delivered folder; empty where it finds nothing."""
     try:
+        if problems := check_delivery(folder):
+            return problems[0]
         read_model_folder(folder)
     except InputError as error:
         return str(error)

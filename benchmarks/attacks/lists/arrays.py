@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import pickle
 import zipfile
 from collections.abc import Callable
@@ -158,8 +159,6 @@ def geographic(frames: list[np.ndarray], dtype: str) -> dict[str, Any]:
 
 def near(folder: Path, ran: object) -> str:
     """That a model at geographic coordinates keeps its digits, and its joint lies by its parts."""
-    import json
-
     points = np.load(folder / "out" / "model.npz")["canonical_points"]
     truth = np.stack(hinge(frames=4, points=200)) * 0.3 + [694386.212, 5155487.512, 381.036]
     model = json.loads((folder / "out" / "model.json").read_bytes())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
@@ -126,8 +127,6 @@ def found(frames: int = 4, parts: int = 2, diagonal: float | None = 2.2) -> Chec
 
 def said(pattern: str) -> Check:
     """That an accepted input leads to a word."""
-    import re
-
     return lambda folder, ran: (
         "" if re.search(pattern, " ".join(ran.words.split()), re.IGNORECASE) else f"does not say {pattern!r}"
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from attacks.case import Case, Verdict, similar
 from attacks.lists.makers import FIT, both, file, given, sparse
 
@@ -35,8 +37,6 @@ def preset(name: str, content: bytes, may: tuple[Verdict, ...] = REFUSED) -> Cas
 
 
 def quoted(text: str) -> str:
-    import shlex
-
     return shlex.quote(text)
 
 

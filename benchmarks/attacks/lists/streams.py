@@ -37,7 +37,7 @@ def cursor_shown(folder: Path, ran: Ran) -> str:
 
 def signalled(name: str, code: int, seconds: float = 4.0, command: str = FIT) -> Case:
     return Case(
-        f"SIG{name} after {seconds} s",
+        f"SIG{name} after {seconds} s: {command.split()[1]}",
         f"timeout --preserve-status -s {name} {seconds} {command}",
         given("frames"),
         exits=(code,),
@@ -58,7 +58,7 @@ def own_modules(*names: str):  # type: ignore[no-untyped-def]
 
 
 def environment(text: str, command: str = FIT, may: tuple[Verdict, ...] = ANY, make=given("frames")) -> Case:  # type: ignore[no-untyped-def]  # noqa: B008
-    return Case(f"environment: {text}", f"export {text}; {command}", make, may=may)
+    return Case(f"environment: {text}: {command.split()[1]}", f"export {text}; {command}", make, may=may)
 
 
 STATUS_FULL: Check = no_noise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -47,7 +48,6 @@ def after_time(p: np.ndarray) -> str:
 
 def true_axis(direction: tuple[float, float, float]) -> Check:
     """That the columns were taken for what their header says: the hinge's axis lies where it should."""
-    import json
 
     def check(folder: Path, ran: object) -> str:
         axis = json.loads((folder / "out" / "model.json").read_bytes())["joints"][0]["axis"]
