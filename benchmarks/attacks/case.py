@@ -86,7 +86,7 @@ def outcome(ran: Ran) -> tuple[Verdict, list[str]]:
             wrong.append(f"{len(errors)} lines of error")
         return ("broken" if wrong else "refused"), wrong
     if ran.code == 1:
-        if not ran.err.strip():
+        if not ran.words.strip():
             wrong.append("no word of why")
         return ("broken" if wrong else "failed"), wrong
     return "broken", [*wrong, f"exit code {ran.code}"]

@@ -51,7 +51,8 @@ def install(folder: Path) -> Path:
     module, _, name = project["scripts"]["reart"].partition(":")
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / "reart"
-    script.write_text(f"#!{sys.executable} -P\nimport sys\nfrom {module} import {name}\nsys.exit({name}())\n")
+    start = f"if __name__ == '__main__':\n    import sys\n    from {module} import {name}\n    sys.exit({name}())\n"
+    script.write_text(f"#!{sys.executable} -P\n{start}")
     script.chmod(0o755)
     return folder
 

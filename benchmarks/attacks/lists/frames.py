@@ -46,6 +46,13 @@ def order(name: str, names: Sequence[str]) -> Case:
     return Case(name, FIT, named(names), check=in_order(names))
 
 
+def unclear(name: str, names: Sequence[str]) -> Case:
+    """Names that can be read in another way: taken in this order, or the order is printed."""
+    return Case(
+        name, FIT, named(names), check=lambda folder, ran: said("order")(folder, ran) and in_order(names)(folder, ran)
+    )
+
+
 def points(
     name: str,
     change: Callable[[np.ndarray, int], np.ndarray],
@@ -116,17 +123,19 @@ CASES = [
         exits=(130, 124),
     ),
     *[
-        Case(f"units {unit}", f"{FIT} --units {unit}", given("frames"), may=("accepted",), check=found(6))
+        Case(
+            f"units {unit}", f"{FIT} --units {unit}", given("frames"), may=("accepted",), check=found(6, diagonal=None)
+        )
         for unit in ("mm", "m", "meters")
     ],
     *similar(
         order("times of the epoch", ["1700000000.25", "1700000000.5", "1700000001.0"]),
-        order("numbers with exponents", ["1e-2", "1e-1", "1e0"]),
-        order("numbers with signs and words", ["t-10", "t-2", "t+1", "t+12"]),
+        unclear("numbers with exponents", ["1e-2", "1e-1", "1e0"]),
+        unclear("numbers with signs and words", ["t-10", "t-2", "t+1", "t+12"]),
         order("dates", ["2024-01-31", "2024-02-01", "2024-10-01", "2024-11-30"]),
-        order("dates with fractions", ["2024-01-31_12.59.59", "2024-01-31_13.00.00", "2024-01-31_13.10.00"]),
-        order("versions", ["scan.1.9", "scan.1.10", "scan.1.11"]),
-        order("names with capitals", ["Frame_1", "frame_2", "FRAME_3", "frame_10"]),
+        unclear("dates with fractions", ["2024-01-31_12.59.59", "2024-01-31_13.00.00", "2024-01-31_13.10.00"]),
+        unclear("versions", ["scan.1.9", "scan.1.10", "scan.1.11"]),
+        unclear("names with capitals", ["Frame_1", "frame_2", "FRAME_3", "frame_10"]),
         order("numbers of 200 digits", ["1" * 200, "2" * 200, "1" + "0" * 200]),
         Case("digits that are no numbers", FIT, named(["frame_²", "frame_③", "frame_1", "frame_2"])),
         Case("arabic digits", FIT, named(["frame_\u0661", "frame_\u0662", "frame_\u0663"])),

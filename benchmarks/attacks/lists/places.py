@@ -15,7 +15,7 @@ from attacks.lists.models import alone
 WRONG: tuple[Verdict, ...] = ("refused", "failed")
 ANY: tuple[Verdict, ...] = ("refused", "failed", "accepted")
 MODEL = both(given("model"), alone, file("states.json", "{}"))
-NOBODY = "setpriv --reuid=65534 --regid=65534 --clear-groups"
+OBEYING = "setpriv --bounding-set=-dac_override,-dac_read_search"  # root, whom files may be closed to
 POSE, URDF, FIGURE = (
     "reart pose model --states states.json --out out",
     "reart export model --to urdf --out out",
@@ -47,18 +47,14 @@ def on_full(name: str, command: str, make: Maker, kilobytes: int, place: str = "
     )
 
 
-def as_nobody(
+def without_permission(
     name: str, command: str, make: Maker, may: tuple[Verdict, ...] = WRONG, says: str = DENIED, check=None
 ) -> Case:  # type: ignore[no-untyped-def]
-    """A command by a user who owns nothing; `make` says what is closed to others."""
-
-    def opened(folder: Path, prepared: Prepared) -> None:
-        make(folder, prepared)
-
+    """A command that may do what the files' modes say; `make` says what is closed."""
     return Case(
         f"no permission: {name}",
-        f"export HOME=$PWD/tmp; {NOBODY} {command}",
-        opened,
+        f"{OBEYING} {command}",
+        make,
         may=may,
         says=says,
         needs_root=True,
@@ -143,7 +139,7 @@ CASES = [
     through("figure: the picture", FIGURE, "out/a.png"),
     Case("link: a stage's log", RUN, both(DONE, log("link")), may=ANY),
     Case("a stage's log is a folder", RUN, both(DONE, log("folder")), may=ANY, says="box.*(director|folder|log)"),
-    as_nobody(
+    without_permission(
         "a sequence's folder",
         RUN,
         both(
@@ -153,19 +149,19 @@ CASES = [
         ),
         says="box.*permission denied",
     ),
-    as_nobody("an artifact's folder, status", STATUS, both(DONE, closed("workdir/scans/box/flow-*/")), ANY),
-    as_nobody("an artifact's folder, run", RUN, both(DONE, closed("workdir/scans/box/flow-*/")), ANY),
-    as_nobody(
+    without_permission("an artifact's folder, status", STATUS, both(DONE, closed("workdir/scans/box/flow-*/")), ANY),
+    without_permission("an artifact's folder, run", RUN, both(DONE, closed("workdir/scans/box/flow-*/")), ANY),
+    without_permission(
         "the ground truth",
         FIT + " --truth frames/ground_truth.npz",
         both(given("frames"), closed("frames/ground_truth.npz")),
     ),
-    as_nobody(
+    without_permission(
         "weights",
         FIT + " --set flow.estimator=network --set flow.network.weights=w.safetensors",
         both(given("frames"), file("w.safetensors", "x"), closed("w.safetensors")),
     ),
-    as_nobody("model.json", POSE, both(MODEL, closed("model/model.json"))),
+    without_permission("model.json", POSE, both(MODEL, closed("model/model.json"))),
     on_full("fit of 300 kB", FIT, given("frames"), 300),
     on_full("fit of 2 MB", FIT, given("frames"), 1400),
     on_full("run", RUN.replace("workdir workdir", "workdir out"), given("data"), 1000),
@@ -237,12 +233,12 @@ CASES = [
             both(MODEL, a_folder("out/.pose.json.partial")),
             may=ANY,
         ),
-        as_nobody(
+        without_permission(
             "out",
             FIT,
             both(given("frames"), a_folder("out"), closed("out", mode=0o555)),
         ),
-        as_nobody(
+        without_permission(
             "out's meshes",
             URDF,
             both(
@@ -251,9 +247,9 @@ CASES = [
                 closed("out/meshes", mode=0o555),
             ),
         ),
-        as_nobody("a frame", FIT, both(given("frames"), closed("frames/frame_2.npy"))),
-        as_nobody("the folder of frames", FIT, both(given("frames"), closed("frames"))),
-        as_nobody(
+        without_permission("a frame", FIT, both(given("frames"), closed("frames/frame_2.npy"))),
+        without_permission("the folder of frames", FIT, both(given("frames"), closed("frames"))),
+        without_permission(
             "one sequence of two",
             RUN.replace("workdir workdir", "workdir out"),
             both(given("data"), closed("data/box/frame_2.npy")),
@@ -264,7 +260,7 @@ CASES = [
                 else "the other sequence was not fitted"
             ),
         ),
-        as_nobody(
+        without_permission(
             "one sequence's folder of two",
             RUN.replace("workdir workdir", "workdir out"),
             both(given("data"), closed("data/box")),
@@ -275,26 +271,34 @@ CASES = [
                 else "the other sequence was not fitted"
             ),
         ),
-        as_nobody("a manifest", EVALUATE, both(DONE, closed("workdir/scans/box/evaluation-*/manifest.json")), ANY),
-        as_nobody(
+        without_permission(
+            "a manifest", EVALUATE, both(DONE, closed("workdir/scans/box/evaluation-*/manifest.json")), ANY
+        ),
+        without_permission(
             "an array, evaluate", EVALUATE, both(DONE, closed("workdir/scans/box/result-*/model.npz")), ANY, says=""
         ),
-        as_nobody("an array, run", RUN, both(DONE, closed("workdir/scans/box/report-*/report.html")), ANY, says=""),
-        as_nobody("a sequence's folder, status", STATUS, both(DONE, closed("workdir/scans/box")), ANY),
-        as_nobody("a sequence's folder, evaluate", EVALUATE, both(DONE, closed("workdir/scans/box")), ANY),
-        as_nobody("a sequence's folder, run", RUN, both(DONE, closed("workdir/scans/box")), ANY),
-        as_nobody("the data set's folder", RUN, both(DONE, closed("workdir/scans")), ANY),
-        as_nobody("the evaluation's folder", RUN, both(DONE, closed("workdir/scans/evaluation", mode=0o555)), ANY),
-        as_nobody(
+        without_permission(
+            "an array, run", RUN, both(DONE, closed("workdir/scans/box/report-*/report.html")), ANY, says=""
+        ),
+        without_permission("a sequence's folder, status", STATUS, both(DONE, closed("workdir/scans/box")), ANY),
+        without_permission("a sequence's folder, evaluate", EVALUATE, both(DONE, closed("workdir/scans/box")), ANY),
+        without_permission("a sequence's folder, run", RUN, both(DONE, closed("workdir/scans/box")), ANY),
+        without_permission("the data set's folder", RUN, both(DONE, closed("workdir/scans")), ANY),
+        without_permission(
+            "the evaluation's folder", RUN, both(DONE, closed("workdir/scans/evaluation", mode=0o555)), ANY
+        ),
+        without_permission(
             "a preset",
             "reart fit frames --out out --preset mine.toml",
             both(given("frames"), file("mine.toml", ""), closed("mine.toml")),
         ),
-        as_nobody("targets", "reart pose model --targets t.csv", both(MODEL, file("t.csv", ""), closed("t.csv"))),
-        as_nobody(
+        without_permission(
+            "targets", "reart pose model --targets t.csv", both(MODEL, file("t.csv", ""), closed("t.csv"))
+        ),
+        without_permission(
             "an earlier evaluation", f"{EVALUATE} --against e.json", both(DONE, file("e.json", "{}"), closed("e.json"))
         ),
-        as_nobody(
+        without_permission(
             "a description",
             "reart run --dataset urdf --data arm.urdf --workdir out",
             both(file("arm.urdf", "<robot/>"), closed("arm.urdf")),
@@ -330,14 +334,6 @@ CASES = [
             says="written|too many|open files",
         ),
         Case(
-            "few processes",
-            f"export HOME=$PWD/tmp; ulimit -u 1; {NOBODY} {FIT}",
-            both(given("frames"), open_all),
-            may=ANY,
-            needs_root=True,
-            says="written|unavailable|process|thread",
-        ),
-        Case(
             "little time",
             f"ulimit -t 2; {FIT}",
             given("frames"),
@@ -354,7 +350,7 @@ CASES = [
         ),
         Case(
             "a mask that hides all",
-            f"umask 777; export HOME=$PWD/tmp; {NOBODY} {FIT}",
+            f"umask 777; {OBEYING} {FIT}",
             both(given("frames"), open_all),
             may=ANY,
             needs_root=True,

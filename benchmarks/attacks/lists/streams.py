@@ -101,7 +101,7 @@ CASES = [
     Case(
         "no fcntl",
         f'export PYTHONPATH="$PWD/fake:$PYTHONPATH"; {FIT}',
-        both(given("frames"), file("fake/fcntl.py", 'raise ImportError("No module named fcntl")\n')),
+        both(given("frames"), file("fake/fcntl.py", 'raise ModuleNotFoundError("No module named 'fcntl'", name="fcntl")\n')),
         may=ANY,
     ),
     *similar(
@@ -235,7 +235,7 @@ CASES = [
         signalled("QUIT", 131, 4.0),
         Case(
             "the engine is killed",
-            f"(sleep 4; pkill -9 -s 0 -f pipeline.engine) & {FIT}",
+            f"(sleep 4; pkill -9 -s 0 -f '[p]ipeline.engine') & {FIT}",
             given("frames"),
             may=ANY,
             terminal=True,

@@ -28,7 +28,7 @@ NETWORK = FIT + " --set flow.estimator=network --set flow.network.weights=w.safe
 def trained(folder: Path, prepared: Prepared) -> None:
     """A training that was broken off after its first step: made once."""
     kept = prepared.folder / "training"
-    if not kept.exists():
+    if not (kept / "checkpoint.safetensors").exists():
         ran = prepared.run(TRAIN.format(STEPS).replace("--out out", "--out training"), prepared.folder)
         if ran.code != 0:
             raise RuntimeError(f"train-flow: exit code {ran.code}\n{ran.words}")
@@ -92,7 +92,7 @@ def notes(**values: str) -> Callable[[dict], object]:  # type: ignore[type-arg]
 
 
 CASES = [
-    *[checkpoint(f"a flipped byte at {share:.0%}", flip_at(share)) for share in (0.0, 0.0005, 0.01, 0.03, 0.3, 0.9)],
+    *[checkpoint(f"a flipped byte at {share:.1%}", flip_at(share)) for share in (0.0, 0.0055, 0.01, 0.03, 0.3, 0.9)],
     *[
         checkpoint(f"cut to {share:.0%}", lambda content, share=share: content[: int(share * len(content))])  # type: ignore[misc]
         for share in (0.0, 0.01, 0.5, 0.99)
@@ -101,7 +101,7 @@ CASES = [
     weights("numbers that are NaN", nan),
     Case(
         "a killed loader",
-        "(for try in $(seq 600); do sleep 0.1; loader=$(pgrep -s 0 -f 'spawn_main.*--multiprocessing-fork' | head -1); "
+        "(for try in $(seq 600); do sleep 0.1; loader=$(pgrep -s 0 -f '[s]pawn_main.*--multiprocessing-fork' | head -1); "
         '[ "$loader" ] && sleep 2 && kill -9 $loader && break; done) & ' + TRAIN.format(2000),
         may=("failed", "refused"),
         says="killed|ended|loader|SIGKILL",
