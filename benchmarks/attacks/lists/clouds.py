@@ -57,13 +57,13 @@ def pcd(
             "SIZE": "4 4 4",
             "TYPE": "F F F",
             "COUNT": "1 1 1",
-            "WIDTH": "N",
+            "WIDTH": "#",
             "HEIGHT": "1",
             "VIEWPOINT": "0 0 0 1 0 0 0",
-            "POINTS": "N",
+            "POINTS": "#",
             "DATA": "ascii",
         } | changes
-        text = "".join(f"{key} {value}\n" for key, value in head.items() if value).replace("N", str(len(p)))
+        text = "".join(f"{key} {value}\n" for key, value in head.items() if value).replace("#", str(len(p)))
         path.write_bytes((first + text).encode("latin1") + body(p))
 
     return Case(name, FIT, each_frame(write, ".pcd"), may=may, check=check or found())
