@@ -7,11 +7,12 @@ import errno
 import fcntl
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
-PARTIAL = ".partial"
+PARTIAL = ".reart-partial"  # no file of the user's is called so
+ANY_PARTIAL = f".*{PARTIAL}"
 _FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
 
@@ -21,7 +22,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     Any number of writers may write the same path; the last one's content stays. What killed writers left is removed.
     Raises OSError, and then leaves nothing behind.
     """
-    _sweep(path.parent)
+    remove_abandoned(path.parent.glob(ANY_PARTIAL))
     with naming_file(path), _partial(path.parent) as (partial, file):
         file.write(content)
         file.flush()
@@ -34,6 +35,17 @@ def open_fresh(path: Path) -> IO[str]:
         path.unlink(missing_ok=True)
         with contextlib.suppress(FileExistsError):  # another one was faster
             return open(os.open(path, _FRESH, 0o666), "w", buffering=1, encoding="utf-8", errors="backslashreplace")
+
+
+def remove_abandoned(partials: Iterable[Path]) -> None:
+    """Remove what killed writers left. A living one holds a lock."""
+    for partial in partials:
+        with (
+            contextlib.suppress(OSError),
+            open(os.open(partial, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file,
+        ):
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            partial.unlink()
 
 
 @contextlib.contextmanager
@@ -60,14 +72,6 @@ def _partial(folder: Path) -> Iterator[tuple[Path, IO[bytes]]]:
                     return
             finally:
                 partial.unlink(missing_ok=True)
-
-
-def _sweep(folder: Path) -> None:
-    """Remove what killed writers left in a folder. A living one holds a lock."""
-    for partial in folder.glob(f".*{PARTIAL}"):
-        with contextlib.suppress(OSError), open(os.open(partial, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-            partial.unlink()
 
 
 def _lock(handle: int) -> None:

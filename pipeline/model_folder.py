@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 from pydantic import ValidationError
 
+from pipeline import store
 from pipeline.files import write_atomically
+from schemas.artifact import GREATEST
 from schemas.errors import InputError
-from schemas.model_file import GREATEST, ModelFile, Result
+from schemas.model_file import ModelFile, Result
+from schemas.seal import intact, sha256
 from schemas.sequence import IngestedSequence
+
+_log = logging.getLogger("rearticulate.model_folder")
 
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 
@@ -21,16 +27,17 @@ ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 def read_model_folder(folder: Path) -> Result:
     """The model in a folder that `reart fit` or the result stage wrote.
 
-    Raises InputError where a file is missing, unreadable or not a model of this version.
+    Raises InputError where a file is missing, unreadable, changed since or not a model of a known version.
     """
     json_path, npz_path = folder / "model.json", folder / "model.npz"
     for path in (json_path, npz_path):
         if not path.is_file():
             raise InputError(f"{path}: not found, expected a folder with model.json and model.npz; check the path")
     try:
-        model = ModelFile.model_validate_json(json_path.read_bytes())
-    except ValidationError as error:
-        raise InputError(f"{json_path}: {_first(error)}; expected a model of version 1, fit it anew") from error
+        _check_artifact(folder)
+        model = _read_model(json_path, sha256(npz_path.read_bytes()))
+    except OSError as error:
+        raise InputError(f"{error.filename or folder}: cannot be read ({error.strerror}); mend that first") from error
     from stages.ingest.readers import load_npz  # the command line loads stages only where it needs them
 
     arrays = load_npz(npz_path)
@@ -40,28 +47,39 @@ def read_model_folder(folder: Path) -> Result:
         result = Result(model=model, **{name: arrays[name] for name in ARRAYS})
     except ValidationError as error:
         raise InputError(f"{npz_path}: {_first(error)}; fit the model anew") from error
-    if problem := next(_contradictions(result), None):
-        raise InputError(f"{folder}: {problem}; fit the model anew")
+    if not len(result.labels):
+        raise InputError(f"{npz_path}: labels: found none, expected one for each point; fit the model anew")
     return result
 
 
-def _contradictions(result: Result) -> Iterator[str]:
-    """Where model.json and model.npz contradict each other, or themselves."""
-    model, parts = result.model, len(result.model.parts)
-    if result.T_frame_canonical.shape[:2] != (model.frames, parts):
-        yield (
-            f"T_frame_canonical: found {result.T_frame_canonical.shape[:2]}, "
-            f"expected {model.frames} frames and {parts} parts as in model.json"
+def _check_artifact(folder: Path) -> None:
+    """Raises InputError for a result's artifact that is not as it was written, as far as its manifest tells."""
+    directory = folder.resolve()
+    if directory.name.startswith("result-") and store.completed_at(directory) is not None:
+        try:
+            store.read_files(directory)
+        except store.CorruptArtifactError as error:
+            raise InputError(f"{folder}: {error.what}; compute it anew with `reart rerun result`") from error
+
+
+def _read_model(path: Path, npz_digest: str) -> ModelFile:
+    """model.json, which tells its own digest and that of model.npz; older files do not."""
+    content = path.read_bytes()
+    try:
+        model = ModelFile.model_validate_json(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first(error)}; expected a model of version 1 or 2, fit it anew") from error
+    if model.json_sha256 is not None and not intact(content, model.json_sha256):
+        raise InputError(
+            f"{path}: its bytes were changed (json_sha256 differs); fit the model anew, "
+            "or take the line json_sha256 out if the change is yours"
         )
-    if len(result.labels) == 0 or result.labels.min() < 0 or result.labels.max() >= parts:
-        yield f"labels: found others than the parts of model.json, expected at least one, from 0..{parts - 1}"
-    for name in ("canonical_points", "T_frame_canonical"):
-        if (greatest := np.abs(getattr(result, name)).max(initial=0.0)) > GREATEST:
-            yield f"{name}: found a number of size {greatest:g}, expected at most {GREATEST:g}"
-    R = result.T_frame_canonical[..., :3, :3]
-    rigid = np.allclose(R @ R.swapaxes(-1, -2), np.eye(3), atol=1e-3) and (np.linalg.det(R) > 0).all()
-    if not rigid or not np.allclose(result.T_frame_canonical[..., 3, :], [0, 0, 0, 1]):
-        yield "T_frame_canonical: found others than rigid motions, expected rotations and translations"
+    if model.npz_sha256 not in (None, npz_digest):
+        raise InputError(
+            f"{path.with_name('model.npz')}: damaged, or of another model (npz_sha256 of model.json differs); "
+            "take both files from one fit, or fit the model anew"
+        )
+    return model
 
 
 def _first(error: ValidationError) -> str:
@@ -69,8 +87,16 @@ def _first(error: ValidationError) -> str:
     first = error.errors()[0]
     if "error" in first.get("ctx", {}):  # said by one of our own checks, which names the field
         return str(first["ctx"]["error"])
-    found = f" (found {first['input']!r})" if isinstance(first["input"], str | int | float) else ""
+    found = f" (found {_brief(first['input'])})" if isinstance(first["input"], str | int | float) else ""
     return f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}{found if first['loc'] else ''}"
+
+
+def _brief(value: str | int | float) -> str:
+    """A value as it is written, if that is short."""
+    if isinstance(value, int) and abs(value) > GREATEST:
+        return "a huge number"
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:40]}..."
 
 
 def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
@@ -86,18 +112,24 @@ def ingested_of_model(folder: Path, result: Result) -> IngestedSequence | None:
 
     `folder` is a result's artifact, or has `workdir/` with that of the same model, as `reart fit` leaves it.
     """
-    from pipeline import store
-
     model = (folder / "model.json").read_bytes()
     for place in (folder, *sorted(folder.glob("workdir/*/*/result-*/"))):
-        with contextlib.suppress(store.CorruptArtifactError, OSError, KeyError):
-            if (place / "model.json").read_bytes() != model:
-                continue
-            key = store.read_manifest(place.resolve()).upstream["ingest"]
-            ingested = store.read(place.resolve().with_name(f"ingest-{key}"), IngestedSequence)
-            if ingested.sequence.frame_count == result.model.frames:
-                return ingested
+        with contextlib.suppress(OSError, KeyError, store.UnreadableArtifactError):
+            if (place / "model.json").read_bytes() == model and store.completed_at(place) is not None:
+                ingested = _ingested(place.resolve())
+                if ingested is not None and ingested.sequence.frame_count == result.model.frames:
+                    return ingested
     return None
+
+
+def _ingested(result: Path) -> IngestedSequence | None:
+    """What a result was made of; None where that is gone, or damaged, which is said."""
+    try:
+        ingest = result.with_name(f"ingest-{store.read_manifest(result).upstream['ingest']}")
+        return None if store.completed_at(ingest) is None else store.read(ingest, IngestedSequence)
+    except store.ArtifactError as error:
+        _log.warning("warning: %s", error)
+        return None
 
 
 def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -108,12 +140,3 @@ def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
     for name in reversed(list(files)):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(folder / name, files[name])
-
-
-def write_robot(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write descriptions and their meshes, and remove the meshes of earlier ones that no description here names."""
-    write_beside(folder, files)
-    named = "".join(path.read_text(encoding="utf-8") for path in folder.glob("robot.*"))
-    for mesh in (folder / "meshes").glob("part_*.stl"):
-        if f"meshes/{mesh.name}" not in named:
-            mesh.unlink()

@@ -23,12 +23,21 @@ def own_code(name: str) -> dict[str, str]:
     """
     module, separator, _ = name.partition(":")
     file = _source_file(module.split(".")) if separator else None
-    return {} if file is None else {name: hashlib.sha256(file.read_bytes()).hexdigest()}
+    return {} if file is None else {name: _digest(file)}
 
 
 def own_weights(path: Path | None) -> dict[str, str]:
     """The digest of a file of weights, by its path; empty without one."""
-    return {} if path is None or not path.is_file() else {str(path): hashlib.sha256(path.read_bytes()).hexdigest()}
+    return {} if path is None or not os.path.isfile(path) else {str(path): _digest(path)}
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 (hex) of a file. Raises InputError where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
 
 
 def check_plugins(config: PipelineConfig) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -13,12 +14,14 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pydantic import ValidationError
 
+from schemas.artifact import GREATEST
 from schemas.errors import InputError
-from schemas.model_file import GREATEST, ModelFile
+from schemas.model_file import ModelFile
 from schemas.pose import Pose, State
 from stages.ingest.point_formats import one_line
 from stages.ingest.readers import load_npz
 from stages.kernels.colours import distinct_colours
+from stages.kernels.precision import float32_holds
 
 TARGET_COLUMNS = ("source_x", "source_y", "source_z", "target_x", "target_y", "target_z")
 STATE_COLUMNS = ("name", "value")
@@ -85,7 +88,7 @@ def _targets_of_npz(path: Path) -> tuple[Points, Points]:
 def _positions(path: Path, content: Mapping[str, Any], name: str) -> Points:
     """One of the two arrays of a file."""
     if name not in content:
-        found = ", ".join(content) or "neither"
+        found = _name(", ".join(content)) or "neither"
         raise InputError(f"{path}: found {found}, expected source and target, each of shape (N, 3); name them so")
     expected = "expected numbers of shape (N, 3); correct it"
     try:
@@ -105,8 +108,8 @@ def _states_of_csv(path: Path) -> tuple[dict[str, State], Float64[np.ndarray, "4
     for line, (name, value) in _csv_rows(path, STATE_COLUMNS):
         where = f"{path}: line {line}"
         if name in states:
-            raise InputError(f"{where}: found the joint {name!r} a second time, expected it once; remove one")
-        states[name] = _state([_number(cell, where) for cell in value.split()], f"{where}: {name}")
+            raise InputError(f"{where}: found the joint {name[:80]!r} a second time, expected it once; remove one")
+        states[name] = _state([_number(cell, where) for cell in value.split()], f"{where}: {_name(name)}")
     return states, np.eye(4)
 
 
@@ -117,12 +120,12 @@ def _states_of_json(path: Path, model: ModelFile) -> tuple[dict[str, State], Flo
             pose = Pose.model_validate_json(path.read_bytes())
         except ValidationError as error:
             first = error.errors()[0]
-            field = ".".join(map(str, first["loc"])) or "the file"
+            field = _name(".".join(map(str, first["loc"]))) or "the file"
             raise InputError(f"{path}: {field}: {first['msg']}; expected a pose of version 1, pose it anew") from error
         _check_origin(path, pose, model)
         return pose.states, np.array(pose.T_pose_root)
     values = {name: value if isinstance(value, list) else [value] for name, value in content.items()}
-    return {name: _state(value, f"{path}: {name}") for name, value in values.items()}, np.eye(4)
+    return {name: _state(value, f"{path}: {_name(name)}") for name, value in values.items()}, np.eye(4)
 
 
 def _check_origin(path: Path, pose: Pose, model: ModelFile) -> None:
@@ -132,7 +135,7 @@ def _check_origin(path: Path, pose: Pose, model: ModelFile) -> None:
         raise InputError(f"{path}: units: found {pose.units}, expected {model.units} as in the model; {remedy}")
     if pose.model_digest != model.digest:
         raise InputError(
-            f"{path}: model_digest: found {pose.model_digest}, the pose of another model, "
+            f"{path}: model_digest: found {_name(pose.model_digest)}, the pose of another model, "
             f"expected {model.digest}; {remedy}"
         )
 
@@ -140,10 +143,10 @@ def _check_origin(path: Path, pose: Pose, model: ModelFile) -> None:
 def _state(values: list[Any], where: str) -> State:
     if len(values) not in (1, 3) or not all(type(value) in (int, float) for value in values):
         raise InputError(
-            f"{where}: found {str(values)[:40]}, expected a number, or three of a rotation vector; correct it"
+            f"{where}: found {_brief(values)}, expected a number, or three of a rotation vector; correct it"
         )
     if not all(abs(value) <= GREATEST for value in values):
-        raise InputError(f"{where}: found {str(values)[:40]}, expected finite numbers up to {GREATEST:g}; correct it")
+        raise InputError(f"{where}: found {_brief(values)}, expected finite numbers up to {GREATEST:g}; correct it")
     if len(values) == 1:
         return float(values[0])
     x, y, z = map(float, values)
@@ -180,16 +183,28 @@ def _json_object(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as JSON ({one_line(error)}); correct it") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: found {json.dumps(content)[:40]}, expected an object, {{name: ...}}; correct it")
+        raise InputError(f"{path}: found {_brief(content)}, expected an object, {{name: ...}}; correct it")
     return content
+
+
+def _brief(value: Any) -> str:
+    """The beginning of what a file holds, however deep or long it is."""
+    return reprlib.repr(value)[:40]
+
+
+def _name(text: str) -> str:
+    """A name of the user's in a message."""
+    return text[:80] if text.isprintable() else repr(text[:80])
 
 
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """An object of JSON. Raises ValueError where a name stands twice."""
-    names = [name for name, _ in pairs]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"found {twice[0]!r} a second time, expected it once")
-    return dict(pairs)
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise ValueError(f"found {name[:80]!r} a second time, expected it once")
+        found[name] = value
+    return found
 
 
 def _text(path: Path) -> str:
@@ -201,7 +216,8 @@ def _text(path: Path) -> str:
 
 def _ply(p: Points, labels: Int64[np.ndarray, "points"]) -> bytes:
     """Binary PLY with each point's part, and that part's colour."""
-    fields = [(axis, "<f4", "float") for axis in "xyz"]
+    kind = ("<f4", "float") if float32_holds(p) else ("<f8", "double")
+    fields = [(axis, *kind) for axis in "xyz"]
     fields += [(colour, "u1", "uchar") for colour in ("red", "green", "blue")]
     fields += [("part", "<i4", "int")]
     records = np.zeros(len(p), dtype=[(name, dtype) for name, dtype, _ in fields])

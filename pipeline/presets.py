@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +18,8 @@ FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
 # presets that say where sequences come from; roboart-noisy and the like add to roboart
 DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "urdf", "sapien", "scans")
+DEEPEST = 10  # tables in tables; no setting is as deep, and reading deeper ones may take all of the stack
+LONGEST_SHOWN = 100  # characters of a value that cannot be used
 
 AnySchema = TypeVar("AnySchema", bound=Schema)
 Options = Mapping[str, tuple[str, Any]]  # of the command line: the setting that each stands for, and its value
@@ -51,7 +52,7 @@ def load_settings(
         _merge(values, _read_preset(preset, folder))
         _validated(schema, values, origin)
     for override in overrides:
-        origin = f"--set {' '.join(override.split())}"
+        origin = f"--set {_short(' '.join(override.split()))}"
         _merge(values, _parse_override(override))
         _validated(schema, values, origin)
     for option, (name, value) in (options or {}).items():
@@ -75,7 +76,7 @@ def _read_preset(preset: str, folder: Path) -> dict[str, Any]:
             f"preset {preset}: cannot be read ({error.strerror}), expected one of {', '.join(preset_names(folder))} "
             "or the path of a .toml file"
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: of TOML, of UTF-8, and of integers with too many digits
         raise InputError(f"preset {preset}: not TOML ({error}); correct the file") from error
 
 
@@ -83,11 +84,13 @@ def _parse_override(override: str) -> dict[str, Any]:
     """`a.b=value` as {"a": {"b": value}}; the value is a TOML value, or else the text itself."""
     name, separator, text = override.partition("=")
     if not separator or not name.strip():
-        raise InputError(f"--set {override}: expected stage.field=value, as in final_fit.iterations=100")
+        raise InputError(f"--set {_short(override)}: expected stage.field=value, as in final_fit.part_price=20")
+    if name.count(".") > DEEPEST:
+        raise InputError(f"--set {_short(override)}: there is no setting so deep, expected stage.field=value")
     try:
         parsed = tomllib.loads(f"value = {text}")
         value = parsed["value"] if len(parsed) == 1 else text
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # not TOML, or too many digits or brackets
         value = text.strip()
     return _nested(name.strip(), value)
 
@@ -112,7 +115,7 @@ def _merge(values: dict[str, Any], changes: dict[str, Any]) -> None:
 def _validated(schema: type[AnySchema], values: dict[str, Any], origin: str, of_option: bool = False) -> AnySchema:
     """The configuration; refusals name where a value comes from, and its setting unless that is an option."""
     try:
-        config = schema.model_validate(values)
+        return schema.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
@@ -120,21 +123,16 @@ def _validated(schema: type[AnySchema], values: dict[str, Any], origin: str, of_
             name = ".".join([name, *_first_path(first["input"])])
             raise InputError(f"{origin}: there is no setting {name!r}; {_nearest(name, schema)}") from error
         where = origin if of_option else f"{origin}: {name}"
-        raise InputError(f"{where}: found {first['input']!r}; {_lower(first['msg'])}") from error
-    for name, value in _settings(config):
-        numbers = value if isinstance(value, tuple) else (value,)
-        if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
-            where = origin if of_option else f"{origin}: {name}"
-            raise InputError(f"{where}: found {value}, expected a finite number")
-    return config
+        raise InputError(f"{where}: found {_short(repr(first['input']))}; {_lower(first['msg'])}") from error
 
 
 def _first_path(value: Any) -> list[str]:
     """The names that lead to the first single value in nested tables."""
-    if not isinstance(value, dict) or not value:
-        return []
-    name = next(iter(value))
-    return [name, *_first_path(value[name])]
+    path: list[str] = []
+    while isinstance(value, dict) and value and len(path) < DEEPEST:
+        name = next(iter(value))
+        path, value = [*path, name], value[name]
+    return path
 
 
 def _nearest(name: str, schema: type[Schema]) -> str:
@@ -155,4 +153,10 @@ def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _lower(message: str) -> str:
+    """What pydantic says, as the end of a line of ours."""
+    message = message.removeprefix("Value error, ")
     return message[:1].lower() + message[1:]
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."

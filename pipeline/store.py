@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from pipeline.arrays import AnyArtifact, arrays_of, assemble, pack, payload_of, read_array
-from pipeline.files import naming_file
+from pipeline.files import ANY_PARTIAL, naming_file, remove_abandoned
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
 from schemas.manifest import ArrayEntry, Manifest, Provenance
@@ -207,6 +207,7 @@ def sweep(workdir: Path) -> None:
 
     A staging directory is locked by its writer for as long as that lives, so other runs' are left alone.
     """
+    remove_abandoned(workdir.glob(f"*/*/{ANY_PARTIAL}"))
     for staged in workdir.glob(f"*/*/{STAGING}*"):
         with contextlib.suppress(OSError), _opened(staged) as handle:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -48,9 +48,12 @@ class FlowTask(StageTask):
         return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
 
     def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Flow:
+        from stages.canonical_frame import candidate_frames
         from stages.flow import estimate_flow
 
-        return estimate_flow(inputs["ingest"].sequence, self.job.config.flow, rng, progress)
+        config, sequence = self.job.config, inputs["ingest"].sequence
+        candidate_frames(sequence.frame_count, config.canonical_frame)  # what it refuses is told before the work
+        return estimate_flow(sequence, config.flow, rng, progress)
 
 
 class CandidateTask(StageTask):
@@ -153,7 +156,7 @@ class CanonicalFrameTask(StageTask):
 
 
 class ResultTask(StageTask):
-    stage, version, schema = "result", 2, Result
+    stage, version, schema = "result", 3, Result
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
@@ -170,7 +173,7 @@ class ResultTask(StageTask):
 
 
 class ExportTask(StageTask):
-    stage, version, schema = "export", 2, Robot
+    stage, version, schema = "export", 3, Robot
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "result": ResultTask(job=self.job)}
@@ -201,7 +204,7 @@ class EvaluationTask(StageTask):
 
 
 class ReportTask(StageTask):
-    stage, version, schema = "report", 1, Report
+    stage, version, schema = "report", 2, Report
 
     def requires(self) -> dict[str, StageTask]:
         return {

@@ -6,35 +6,38 @@ curve.png, and at the end weights.safetensors. What a step does is in stages.tra
 
 from __future__ import annotations
 
+import logging
 import math
+import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 import torch
-from pydantic import Field, TypeAdapter
-from safetensors.torch import save
-from torch.utils.data import DataLoader
+from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.files import write_atomically
+from pipeline.training_batches import batches
 from schemas.config import TrainFlowConfig
 from schemas.errors import InputError
 from schemas.training import Measurement, Step
 from stages.flow.network.model import FeatureNetwork
-from stages.flow.network.weights import read_safetensors, weights_file
+from stages.flow.network.weights import DIGEST, check_state, read_safetensors, safetensors_bytes, weights_file
 from stages.training.curve import draw_curve
 from stages.training.learning import Batch, matching_loss, score, turned
 from stages.training.source import PairSource, check_robots, validation_pairs
 
 CHECKPOINT, LOG, CURVE, WEIGHTS = "checkpoint.safetensors", "log.jsonl", "curve.png", "weights.safetensors"
-CHECKPOINT_FORMAT = "rearticulate flow training 1"
+CHECKPOINT_FORMAT = "rearticulate flow training 2"
 WARM_UP = 0.04  # share of the steps in which the rate rises
 GREATEST_GRADIENT = 5.0
 TURNS = 2  # stream of random numbers, beside those of stages.training.source
-PREFETCHED = 4  # batches that wait, made by a process of its own
+
+_log = logging.getLogger("rearticulate.training")
 
 Line = Annotated[Step | Measurement, Field(discriminator="kind")]
 LINES: TypeAdapter[Line] = TypeAdapter(Line)
@@ -59,26 +62,47 @@ class Training:
 
     @classmethod
     def resume(cls, config: TrainFlowConfig, folder: Path) -> Self:
-        """Where a folder's checkpoint left off. Raises InputError for one of another configuration."""
-        training = cls.start(config)
-        if not (folder / CHECKPOINT).exists():
+        """Where a folder's checkpoint left off.
+
+        Raises InputError for one of another configuration, and for one that is damaged.
+        """
+        training, path = cls.start(config), folder / CHECKPOINT
+        if not os.path.lexists(path):
             return training
-        tensors, notes = read_safetensors(folder / CHECKPOINT, CHECKPOINT_FORMAT)
+        with _told_what_to_do(path):
+            tensors, notes = read_safetensors(path, CHECKPOINT_FORMAT)
+            if DIGEST not in notes or not {"config", "step"} <= notes.keys():
+                raise InputError(f"{path}: found no {DIGEST}, config or step, expected those of a checkpoint")
         if notes["config"] != config.model_dump_json():
             raise InputError(
-                f"{folder / CHECKPOINT}: found a training with other settings, expected these; "
+                f"{path}: found a training with other settings, expected these; "
                 "go on with the settings that it was begun with, or give another folder"
             )
-        training.network.load_state_dict(_under("network", tensors))
-        state = training.optimizer.state_dict()
+        with _told_what_to_do(path):
+            training._take(tensors, notes["step"], path)
+        training.log = [line for line in _read_log(folder / LOG) if line.step <= training.step]
+        return training
+
+    def _take(self, tensors: dict[str, torch.Tensor], step: str, path: Path) -> None:
+        """Go on from what a checkpoint holds. Raises InputError where that does not fit the network."""
+        weights = _under("network", tensors)
+        check_state(path, weights, self.network.state_dict())
+        if not step.isdecimal() or not 0 < int(step) <= self.config.steps:
+            raise InputError(f"{path}: found step {step!r}, expected one of 1..{self.config.steps}")
+        state = self.optimizer.state_dict()
+        entries: dict[int, dict[str, torch.Tensor]] = {}
+        parameters = list(self.network.parameters())
         for name, value in _under("optimizer", tensors).items():
             parameter, _, entry = name.partition(".")
-            state["state"].setdefault(int(parameter), {})[entry] = value
-        training.optimizer.load_state_dict(state)
-        training.step = int(notes["step"])
-        lines = map(LINES.validate_json, (folder / LOG).read_text().splitlines())
-        training.log = [line for line in lines if line.step <= training.step]
-        return training
+            known = parameter.isdecimal() and int(parameter) < len(parameters)
+            if not known or value.shape not in (parameters[int(parameter)].shape, ()) or not value.isfinite().all():
+                raise InputError(f"{path}: optimizer.{name}: found what no parameter has, or NaN, expected its momenta")
+            entries.setdefault(int(parameter), {})[entry] = value
+        if any(set(entries.get(k, ())) != {"step", "exp_avg", "exp_avg_sq"} for k in range(len(parameters))):
+            raise InputError(f"{path}: found no momenta of some parameters, expected those of all")
+        self.network.load_state_dict(weights)
+        self.optimizer.load_state_dict({**state, "state": entries})
+        self.step = int(step)
 
     def save(self, folder: Path) -> None:
         """Write checkpoint, log and curve. The log is written first: lines beyond a checkpoint are dropped."""
@@ -87,7 +111,7 @@ class Training:
         for parameter, entries in self.optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer.{parameter}.{name}": value for name, value in entries.items()}
         notes = {"format": CHECKPOINT_FORMAT, "step": str(self.step), "config": self.config.model_dump_json()}
-        write_atomically(folder / CHECKPOINT, save(tensors, notes))
+        write_atomically(folder / CHECKPOINT, safetensors_bytes(tensors, notes))
         draw_curve(self.steps(), self.measurements(), folder / CURVE)
 
     def steps(self) -> list[Step]:
@@ -103,8 +127,9 @@ def train(
     """Train, or go on training, in `folder`; the path of the weights. `report` is called with each line of the log.
 
     The same configuration and robots give the same batches; sums of floating-point numbers may differ from one machine
-    to another. Raises InputError for robots that it cannot train or measure on, and for a folder with a checkpoint of
-    another configuration.
+    to another. Raises InputError for robots that it cannot train or measure on, for a folder with a checkpoint that is
+    damaged or of another configuration, and for a rate at which the network gets lost; MakerDied where the process that
+    makes pairs does.
     """
     check_robots(config)
     training = Training.resume(config, folder)
@@ -116,8 +141,13 @@ def train(
         training.log.append(line)
         report(line)
 
-    for batch in _batches(config, assets, training.step):
+    for batch in batches(PairSource(config, assets), config, training.step):
         loss = _learn(training, batch)
+        if not math.isfinite(loss) or not _finite(training.network):
+            raise InputError(
+                f"step {training.step + 1}: found a loss of {loss}, or weights that are not finite, expected numbers; "
+                f"lower learning_rate and begin anew in another folder"
+            )
         training.step += 1
         seconds = before + time.perf_counter() - clock
         rate = training.optimizer.param_groups[0]["lr"]
@@ -131,17 +161,27 @@ def train(
     return folder / WEIGHTS
 
 
-def _batches(config: TrainFlowConfig, assets: Path | None, first: int) -> Iterable[Batch]:
-    """The batches from step `first` on, made by another process while this one learns."""
-    size = config.batch
-    return DataLoader(
-        PairSource(config, assets),
-        batch_sampler=[list(range(k * size, (k + 1) * size)) for k in range(first, config.steps)],
-        collate_fn=Batch.of,
-        num_workers=1,
-        prefetch_factor=PREFETCHED,
-        multiprocessing_context="spawn",
-    )
+def _read_log(path: Path) -> Iterator[Line]:
+    """The lines of an earlier log that can be read: no training is lost for its log."""
+    lines = path.read_bytes().splitlines() if path.is_file() else []
+    for number, line in enumerate(lines, start=1):
+        try:
+            yield LINES.validate_json(line)
+        except ValidationError:
+            _log.warning("%s: line %d cannot be read; it is left out", path, number)
+
+
+@contextmanager
+def _told_what_to_do(path: Path) -> Iterator[None]:
+    """What is said of a checkpoint ends with the way out."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{error}; remove {path} to begin anew, or give another folder") from error
+
+
+def _finite(network: FeatureNetwork) -> bool:
+    return all(bool(parameter.isfinite().all()) for parameter in network.parameters())
 
 
 def _learn(training: Training, batch: Batch) -> float:

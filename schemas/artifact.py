@@ -5,8 +5,8 @@ An artifact is written as plain JSON fields plus arrays. An array field is decla
     points: Annotated[Float64[np.ndarray, "points 3"], Unit("normalised")]
 
 and everything else follows from that line: what is checked on construction (dtype, shape, axes of one
-name having one size across the whole artifact, finiteness), how the store writes it, and the array
-table of the manifest.
+name having one size across the whole artifact, finiteness, size), how the store writes it, and the array
+table of the manifest. Beside its unit a field may state `Within`, the range of its values, and `Rigid`.
 """
 
 from __future__ import annotations
@@ -19,12 +19,32 @@ from typing import Any, ClassVar, Self, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, model_validator
 
+Axes = dict[str, tuple[int, str]]  # by name: the size, and the array that has it
+
 
 @dataclass(frozen=True)
 class Unit:
     """The unit of an array field: "normalised" lengths, "input" lengths, "radian", "index", ..."""
 
     name: str
+
+
+@dataclass(frozen=True)
+class Within:
+    """Least and greatest value of a field. The name of an axis stands for its size less one: an index into it."""
+
+    least: float
+    most: float | str
+
+
+@dataclass(frozen=True)
+class Rigid:
+    """Of an array field (..., 4, 4): rotations and translations, [R p; 0 0 0 1]."""
+
+    tolerance: float = 1e-3
+
+
+GREATEST = 1e15  # of any float: beyond it squares and products overflow, or lose all digits
 
 
 @dataclass(frozen=True)
@@ -86,10 +106,24 @@ class Artifact(Schema):
     @model_validator(mode="before")
     @classmethod
     def _check_arrays(cls, values: Any) -> Any:
-        """Refuse arrays of the wrong dtype or shape, with axes that disagree, or with NaN or infinity."""
+        """Refuse arrays of the wrong dtype or shape, with axes that disagree, and values out of range."""
         if not isinstance(values, dict):
             return values
-        sizes: dict[str, tuple[int, str]] = {}
+        sizes = cls._check_shapes(values)
+        for name, field in cls.model_fields.items():
+            value = values.get(name)
+            if isinstance(value, np.ndarray | int | float) and np.size(value):
+                for rule in field.metadata:
+                    if isinstance(rule, Within):
+                        _check_range(value, rule, sizes, f"{cls.__name__}.{name}")
+                    elif isinstance(rule, Rigid):
+                        _check_rigid(np.asarray(value), rule.tolerance, f"{cls.__name__}.{name}")
+        return values
+
+    @classmethod
+    def _check_shapes(cls, values: dict[str, Any]) -> Axes:
+        """The axes. Raises ValueError for arrays that are not as they are declared."""
+        sizes: Axes = {}
         for spec in cls.array_specs():
             array = values.get(spec.name)
             if array is None:
@@ -114,7 +148,9 @@ class Artifact(Schema):
             if array.dtype.kind == "f" and not np.isfinite(array).all():
                 bad = int(array.size - np.isfinite(array).sum())
                 raise ValueError(f"{where}: {bad} values are NaN or infinite, expected finite values only")
-        return values
+            if array.dtype.kind == "f" and array.size and (greatest := np.abs(array).max()) > GREATEST:
+                raise ValueError(f"{where}: found a number of size {greatest:g}, expected at most {GREATEST:g}")
+        return sizes
 
     def arrays(self) -> dict[str, np.ndarray]:
         """This artifact's own arrays by field name (absent optional arrays left out)."""
@@ -125,3 +161,25 @@ class Artifact(Schema):
         """A validated copy with some fields changed."""
         values = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_validate(values | changes)
+
+
+def _check_range(value: Any, rule: Within, axes: Axes, where: str) -> None:
+    lowest, highest = np.min(value), np.max(value)
+    if not isinstance(rule.most, str):
+        most, why = rule.most, ""
+    elif rule.most in axes:
+        size, origin = axes[rule.most]
+        most, why = size - 1, f", since {rule.most} = {size} in {origin}"
+    else:
+        return  # pydantic itself reports a missing array
+    if not rule.least <= lowest <= highest <= most:
+        raise ValueError(f"{where}: found values in {lowest}..{highest}, expected {rule.least:g}..{most:g}{why}")
+
+
+def _check_rigid(Ts: np.ndarray, tolerance: float, where: str) -> None:
+    R, last = Ts[..., :3, :3], Ts[..., 3, :]
+    bounded = np.clip(R, -2, 2)  # so that no product overflows
+    error = np.abs(bounded @ np.swapaxes(bounded, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    error = np.maximum(error, np.abs(last - [0, 0, 0, 1]).max(axis=-1))
+    if np.any(error > tolerance) or np.any(np.linalg.det(bounded) < 0):
+        raise ValueError(f"{where}: found others than rigid motions, expected [R p; 0 0 0 1]")

@@ -7,62 +7,88 @@ setting depends on the input's units or the object's size. Presets live in `pipe
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from schemas.artifact import Schema
-from schemas.sequence import LengthUnit
+from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart
+
+MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
 
 
-class RoboartConfig(Schema):
+class RoboartConfig(Settings):
     """The RoboArt builder: how sequences are made from robot descriptions."""
 
-    sequences_per_robot: int = Field(default=1, ge=1, description="sequences of each robot, which move differently")
-    frames: int = Field(default=10, ge=2)
+    sequences_per_robot: int = Field(
+        default=1, ge=1, le=1000, description="sequences of each robot, which move differently"
+    )
+    frames: int = Field(default=10, ge=2, le=10_000)
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
-    novel_states: int = Field(default=3, ge=0, description="unseen states for the reanimation metric")
-    sweep_degrees: tuple[float, float] = Field(
+    novel_states: int = Field(default=3, ge=0, le=10_000, description="unseen states for the reanimation metric")
+    sweep_degrees: DegreeRange = Field(
         default=(40.0, 90.0), description="least and greatest total motion of a joint over the sequence"
     )
     min_part_share: float = Field(
         default=0.013, ge=0, lt=1, description="links with a smaller share of the surface join their parent"
     )
     noise_percent: float = Field(
-        default=0.0, ge=0, description="standard deviation of the noise on each coordinate, in % of the diagonal"
+        default=0.0,
+        ge=0,
+        le=100,
+        description="standard deviation of the noise on each coordinate, in % of the diagonal",
     )
     viewpoints: int = Field(
-        default=0, ge=0, description="sample only what is visible from so many viewpoints; 0 samples the whole surface"
+        default=0,
+        ge=0,
+        le=1000,
+        description="sample only what is visible from so many viewpoints; 0 samples the whole surface",
     )
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
+    max_mesh_mib: float = Field(
+        default=64.0, gt=0, le=65536, description="a mesh file that is larger, or unfolds to more, is refused"
+    )
+
+    @model_validator(mode="after")
+    def _check_points(self) -> Self:
+        if self.frames * self.points > MOST_SAMPLED:
+            raise ValueError(f"expected at most {MOST_SAMPLED} points in all frames together")
+        return self
 
 
-class IngestConfig(Schema):
+class IngestConfig(Settings):
     """Where frames come from and how they are read."""
 
     source: Literal["files", "roboart", "urdf"] = "files"
-    units: LengthUnit = Field(default="unknown", description="the unit of the input's coordinates")
+    units: NamedUnit = Field(default="unknown", description="the unit of the input's coordinates")
     every: int = Field(default=1, ge=1, description="only every so many-th frame is used, from the first on")
     min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")
+    max_points: int = Field(
+        default=50_000_000, ge=64, le=10**12, description="a sequence with more points in all is refused"
+    )
     roboart: RoboartConfig = RoboartConfig()
 
 
-class GeometricFlowConfig(Schema):
+class GeometricFlowConfig(Settings):
     """Estimator `geometric`: non-rigid alignment by a deformation graph, then mutual nearest neighbours."""
 
     points: int = Field(default=2048, ge=16, description="points per frame that the alignment works on")
-    nodes: int = Field(default=400, ge=4, description="rigid nodes of the deformation graph")
+    nodes: int = Field(default=400, ge=4, le=100_000, description="rigid nodes of the deformation graph")
     coarse_points: int = Field(default=1024, ge=16, description="points per frame while the best start is looked for")
-    coarse_nodes: int = Field(default=80, ge=4, description="nodes while the best start is looked for, at most `nodes`")
-    neighbours: int = Field(default=4, ge=1, description="nodes that move one point")
-    stiffness: tuple[float, ...] = Field(
-        default=(30.0, 10.0, 3.0, 1.0, 0.3), description="weight of rigidity, coarse to fine"
+    coarse_nodes: int = Field(
+        default=80, ge=4, le=100_000, description="nodes while the best start is looked for, at most `nodes`"
+    )
+    neighbours: int = Field(default=4, ge=1, le=1000, description="nodes that move one point")
+    stiffness: tuple[Annotated[float, Field(gt=0, le=1e6)], ...] = Field(
+        default=(30.0, 10.0, 3.0, 1.0, 0.3),
+        min_length=1,
+        max_length=100,
+        description="weight of rigidity, coarse to fine",
     )
     iterations: int = Field(default=6, ge=1, description="Gauss-Newton steps at each stiffness")
     max_distance: float = Field(default=2.0, gt=0, description="matches farther apart are dropped, in point spacings")
 
 
-class NetworkFlowConfig(Schema):
+class NetworkFlowConfig(Settings):
     """The feature network of the estimators `network` and `hybrid` (A.1)."""
 
     weights: Path | None = Field(
@@ -70,45 +96,47 @@ class NetworkFlowConfig(Schema):
     )
 
 
-class TrainFlowConfig(Schema):
+class TrainFlowConfig(Settings):
     """`reart train-flow`: what the feature network is trained on, and how long (A.1)."""
 
-    seed: int = Field(default=0, ge=0)
+    seed: Seed = 0
     robots: tuple[str, ...] = Field(
         default=("atlas", "baxter", "laikago", "iiwa"), description="the training split; those that are to be had"
     )
     robot_share: float = Field(default=0.25, ge=0, le=1, description="share of pairs of robots; the rest is made up")
     points: int = Field(default=2048, ge=64, description="points that a cloud is sampled with")
-    step_degrees: tuple[float, float] = Field(
+    step_degrees: DegreeRange = Field(
         default=(4.0, 120.0), description="least and greatest motion of a joint between the clouds of a pair"
     )
-    turn_degrees: float = Field(default=25.0, ge=0, description="most that one cloud of a pair is turned by itself")
+    turn_degrees: float = Field(
+        default=25.0, ge=0, le=360, description="most that one cloud of a pair is turned by itself"
+    )
     steps: int = Field(default=5000, ge=1)
-    batch: int = Field(default=4, ge=1, description="pairs in one step; each is drawn anew and seen once")
+    batch: int = Field(default=4, ge=1, le=1000, description="pairs in one step; each is drawn anew and seen once")
     learning_rate: float = Field(default=2e-3, gt=0, description="the highest; it rises at first and falls to zero")
     weight_decay: float = Field(default=1e-2, ge=0)
     validation_robots: tuple[str, ...] = Field(
         default=("cassie", "nao", "panda", "spot"), description="robots measured on while training, never trained on"
     )
-    validation_pairs: int = Field(default=32, ge=1)
+    validation_pairs: int = Field(default=32, ge=1, le=10_000)
     validate_every: int = Field(default=250, ge=1, description="steps between two measurements and checkpoints")
 
 
-class FlowConfig(Schema):
+class FlowConfig(Settings):
     """The flow stage."""
 
-    estimator: str = Field(default="hybrid", description="registered name or package.module:function")
+    estimator: SwappablePart = Field(default="hybrid", description="registered name or package.module:function")
     geometric: GeometricFlowConfig = GeometricFlowConfig()
     network: NetworkFlowConfig = NetworkFlowConfig()
 
 
-class EnergyConfig(Schema):
+class EnergyConfig(Settings):
     """Weights and sampling of E_recons (Eq. 5, A.6)."""
 
     lambda_cd: float = Field(default=1.0, ge=0)
     lambda_emd: float = Field(default=0.3, ge=0)
     lambda_flow: float = Field(default=1.0, ge=0)
-    flow_neighbours: int = Field(default=3, ge=1, description="neighbours of the flow's interpolation")
+    flow_neighbours: int = Field(default=3, ge=1, le=1000, description="neighbours of the flow's interpolation")
     emd_downsampling: int = Field(default=4, ge=1, description="E_EMD uses every so many points, farthest first")
     emd_every: int = Field(default=5, ge=1, description="iterations between two assignments of E_EMD")
     emd_start: float = Field(default=0.5, ge=0, le=1, description="share of the run after which E_EMD joins in")
@@ -117,13 +145,13 @@ class EnergyConfig(Schema):
     )
 
 
-class GumbelConfig(Schema):
+class GumbelConfig(Settings):
     """Solver `gumbel`: gradient descent on a segmentation field and free motions, as published (A.6)."""
 
-    max_parts: int = Field(default=20, ge=1)
+    max_parts: int = Field(default=20, ge=1, le=1000)
     iterations: int = Field(default=600, ge=1)
     points: int = Field(default=2048, ge=16, description="points per frame in one iteration")
-    hidden: int = Field(default=128, ge=1, description="width of the segmentation field")
+    hidden: int = Field(default=128, ge=1, le=10_000, description="width of the segmentation field")
     learning_rate_labels: float = Field(default=1e-3, gt=0)
     learning_rate_motion: float = Field(default=1e-3, gt=0)
     learning_rate_end: float = Field(
@@ -136,11 +164,13 @@ class GumbelConfig(Schema):
     )
 
 
-class AlternatingConfig(Schema):
+class AlternatingConfig(Settings):
     """Solver `alternating`: registration, minimum cuts, merging and splitting in turn."""
 
     points: int = Field(default=4096, ge=64, description="points per frame that the fit works on")
-    start_parts: int = Field(default=30, ge=1, description="parts that the flow is clustered into at the start")
+    start_parts: int = Field(
+        default=30, ge=1, le=10_000, description="parts that the flow is clustered into at the start"
+    )
     rounds: int = Field(default=5, ge=1, description="rounds of refining, relabelling, merging and splitting")
     closing_rounds: int = Field(default=2, ge=0, description="last rounds, in which nothing is split")
     part_price: float = Field(default=4.0, ge=0, description="a part must lower the points' costs by more")
@@ -149,34 +179,38 @@ class AlternatingConfig(Schema):
     attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
     contact: int = Field(default=4, ge=1, description="surface edges that two parts must share to be merged")
     merge_iterations: int = Field(default=4, ge=1, description="registration steps before a merge is judged")
-    patches: int = Field(default=120, ge=1, description="patches of the surface that are tried as new parts")
+    patches: int = Field(
+        default=120, ge=1, le=100_000, description="patches of the surface that are tried as new parts"
+    )
     patch_points: int = Field(default=40, ge=6, description="points of such a patch")
     patch_iterations: int = Field(default=6, ge=1, description="registration steps of such a patch")
     min_part_share: float = Field(default=0.008, ge=0, lt=1, description="smaller parts are absorbed")
 
 
-class RelaxedFitConfig(Schema):
+class RelaxedFitConfig(Settings):
     """The relaxed fit of one candidate canonical frame."""
 
-    solver: str = Field(default="alternating", description="registered name or package.module:function")
+    solver: SwappablePart = Field(default="alternating", description="registered name or package.module:function")
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
     alternating: AlternatingConfig = AlternatingConfig()
 
 
-class ProjectionConfig(Schema):
+class ProjectionConfig(Settings):
     """Eq. 11 and A.2."""
 
     lambda_spatial: float = Field(default=100.0, ge=0)
     lambda_1dof: float = Field(default=1.0, ge=0)
-    samples_per_part: int = Field(default=60, ge=1, description="farthest points at which E_1DOF is measured")
+    samples_per_part: int = Field(
+        default=60, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
+    )
     contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
     )
 
 
-class MergingConfig(Schema):
+class MergingConfig(Settings):
     """A.3, in units of the sampling noise."""
 
     threshold: float = Field(
@@ -184,20 +218,23 @@ class MergingConfig(Schema):
     )
 
 
-class CanonicalFrameConfig(Schema):
+class CanonicalFrameConfig(Settings):
     """A.5: which frames are tried as the canonical one."""
 
-    candidates: int = Field(default=2, ge=1, description="how many: the middle frame and its neighbours")
-    frames: tuple[int, ...] = Field(default=(), description="these frames instead, where given")
+    candidates: int = Field(default=2, ge=1, le=100, description="how many: the middle frame and its neighbours")
+    frames: DifferentFrames = Field(default=(), max_length=100, description="these frames instead, where given")
     by: Literal["fit", "project"] = Field(
         default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
     )
     fits: int = Field(
-        default=1, ge=1, description="candidates with a relaxed fit of their own; the others get the first one's"
+        default=1,
+        ge=1,
+        le=100,
+        description="candidates with a relaxed fit of their own; the others get the first one's",
     )
 
 
-class FinalFitConfig(Schema):
+class FinalFitConfig(Settings):
     """A.4: joints by Levenberg-Marquardt, and labels, links and parts improved under them."""
 
     points: int = Field(default=4096, ge=16, description="points per frame that the fit works on")
@@ -226,7 +263,7 @@ class FinalFitConfig(Schema):
     energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_start=0.0)
 
 
-class EvaluationConfig(Schema):
+class EvaluationConfig(Settings):
     """A.9."""
 
     reanimation_iterations: int = Field(default=200, ge=1)
@@ -235,7 +272,7 @@ class EvaluationConfig(Schema):
     )
 
 
-class ExportConfig(Schema):
+class ExportConfig(Settings):
     """The robot description: meshes, masses and limits, which the fit does not tell but a simulator needs."""
 
     metres_per_unit: float | None = Field(
@@ -265,10 +302,10 @@ class ExportConfig(Schema):
     )
 
 
-class PipelineConfig(Schema):
+class PipelineConfig(Settings):
     """Everything that a run depends on, but for its input files."""
 
-    seed: int = Field(default=0, ge=0)
+    seed: Seed = 0
     ingest: IngestConfig = IngestConfig()
     flow: FlowConfig = FlowConfig()
     relaxed_fit: RelaxedFitConfig = RelaxedFitConfig()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from pydantic import model_validator
 
-from schemas.artifact import Artifact, Unit
+from schemas.artifact import Artifact, Unit, Within
+
+LAST_INDEX = 2**53  # which frame's points are meant is told by the sequence
 
 
 class Flow(Artifact):
@@ -18,11 +21,17 @@ class Flow(Artifact):
     same surface but were sampled independently, so their plain difference carries the sampling noise.
     """
 
-    match_counts: Annotated[Int64[np.ndarray, "pairs"], Unit("count")]
-    source_index: Annotated[Int64[np.ndarray, "matches"], Unit("index")]
-    target_index: Annotated[Int64[np.ndarray, "matches"], Unit("index")]
+    match_counts: Annotated[Int64[np.ndarray, "pairs"], Unit("count"), Within(0, LAST_INDEX)]
+    source_index: Annotated[Int64[np.ndarray, "matches"], Unit("index"), Within(0, LAST_INDEX)]
+    target_index: Annotated[Int64[np.ndarray, "matches"], Unit("index"), Within(0, LAST_INDEX)]
     flow: Annotated[Float64[np.ndarray, "matches 3"], Unit("normalised")]
-    confidence: Annotated[Float64[np.ndarray, "matches"], Unit("1")]
+    confidence: Annotated[Float64[np.ndarray, "matches"], Unit("1"), Within(0, 1)]
+
+    @model_validator(mode="after")
+    def _check_counts(self) -> Self:
+        if (total := sum(self.match_counts.tolist())) != len(self.source_index):
+            raise ValueError(f"Flow.match_counts: found a sum of {total}, expected {len(self.source_index)} matches")
+        return self
 
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """(source_index, target_index, flow, confidence) of each frame pair, as views."""

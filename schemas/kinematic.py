@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pydantic import Field, model_validator
 
-from schemas.artifact import Artifact, Schema, Unit
+from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
 
 LinkType = Literal["screw", "revolute", "prismatic"]
 CONFIDENCES = ("part", "link", "type")
@@ -27,12 +27,12 @@ class KinematicModel(Artifact):
     to each other by one degree of freedom, and whether that is of the joint's type. Only the final fit tells it.
     """
 
-    canonical_frame: int = Field(ge=0)
-    root: int = Field(ge=0)
-    labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
-    Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")]
-    joint_parent: Annotated[Int64[np.ndarray, "joints"], Unit("index")]
-    joint_child: Annotated[Int64[np.ndarray, "joints"], Unit("index")]
+    canonical_frame: Annotated[int, Within(0, "frames")]
+    root: Annotated[int, Within(0, "parts")]
+    labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
+    Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid()]
+    joint_parent: Annotated[Int64[np.ndarray, "joints"], Unit("index"), Within(0, "parts")]
+    joint_child: Annotated[Int64[np.ndarray, "joints"], Unit("index"), Within(0, "parts")]
     joint_types: tuple[LinkType, ...]
     axis: Annotated[Float64[np.ndarray, "joints 3"], Unit("1")] = Field(description="unit direction")
     point: Annotated[Float64[np.ndarray, "joints 3"], Unit("normalised")] = Field(
@@ -41,7 +41,7 @@ class KinematicModel(Artifact):
     states: Annotated[Float64[np.ndarray, "joints frames 2"], Unit("radian, normalised")]
     e_spatial: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
     e_1dof: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
-    confidence: Annotated[Float64[np.ndarray, "joints 3"] | None, Unit("1")] = Field(
+    confidence: Annotated[Float64[np.ndarray, "joints 3"] | None, Unit("1"), Within(0, 1)] = Field(
         default=None, description="from 0, as good as another explanation, to 1, sure; columns as in CONFIDENCES"
     )
     energies: dict[str, float] = Field(description="E_project, E_group, E_recons, ... of the whole model")
@@ -70,8 +70,13 @@ class KinematicModel(Artifact):
     @model_validator(mode="after")
     def _check_tree(self) -> Self:
         parts = self.part_count
-        if len(self.labels) == 0 or self.labels.min() < 0 or self.labels.max() >= parts:
-            raise ValueError(f"KinematicModel.labels: expected values in 0..{parts - 1}")
+        if len(self.labels) == 0:
+            raise ValueError("KinematicModel.labels: found none, expected one for each point")
+        lengths = np.linalg.norm(self.axis, axis=1)
+        if np.any(np.abs(lengths - 1) > 1e-3):
+            raise ValueError(
+                f"KinematicModel.axis: found a length of {lengths[np.argmax(np.abs(lengths - 1))]:g}, expected 1"
+            )
         if len(self.joint_types) != len(self.joint_child):
             raise ValueError(
                 f"KinematicModel.joint_types: found {len(self.joint_types)}, expected {len(self.joint_child)}"
@@ -87,19 +92,12 @@ class KinematicModel(Artifact):
                     raise ValueError(f"KinematicModel.states: joint {joint} is {kind}, its {name} must be zero")
         return self
 
-    @model_validator(mode="after")
-    def _check_confidence(self) -> Self:
-        if self.confidence is not None and np.any((self.confidence < 0) | (self.confidence > 1)):
-            low, high = self.confidence.min(), self.confidence.max()
-            raise ValueError(f"KinematicModel.confidence: found values in {low:g}..{high:g}, expected 0..1")
-        return self
-
 
 class Candidate(Schema):
     """One candidate canonical frame and what speaks for it."""
 
-    frame: int
-    parts: int
+    frame: int = Field(ge=0)
+    parts: int = Field(ge=1)
     e_project: float
     e_group: float
     e_fit: float

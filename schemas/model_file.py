@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
+from collections import Counter
 from collections.abc import Iterator
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
-from schemas.artifact import Artifact, Schema, Unit
+from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
+from schemas.seal import sha256
 from schemas.sequence import JointType, LengthUnit
 
-Vector = tuple[float, float, float]
+if TYPE_CHECKING:
+    from jaxtyping import Float as Float32or64
+else:
 
-GREATEST = 1e15  # of a model's numbers: beyond it their squares and products overflow, or lose all digits
+    class Float32or64(AbstractDtype):
+        """Real numbers of one of two precisions."""
+
+        dtypes = ("float32", "float64")
+
+
+Vector = tuple[float, float, float]
 
 
 class ModelPart(Schema):
     id: int
     name: str
-    point_count: int
+    point_count: int = Field(ge=0)
 
 
 class JointConfidence(Schema):
@@ -36,7 +45,8 @@ class JointConfidence(Schema):
 class ModelJoint(Schema):
     """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates.
 
-    A spherical joint turns about `point` by its states, rotation vectors; `lower` and `upper` are of their lengths.
+    `point` is that of the axis next to where the joint's parts touch, as far as the fit knows.
+    A spherical joint turns about it by its states, rotation vectors; `lower` and `upper` are of their lengths.
     """
 
     id: int
@@ -70,10 +80,16 @@ class ModelJoint(Schema):
 
 
 class ModelFile(Schema):
-    """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical."""
+    """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
+
+    In version 2 canonical_points are 64-bit floats, since 32-bit ones would lose digits that tell the points apart.
+    The digests are missing in files of an earlier release; one that is edited by hand must lose its own.
+    """
 
     format: Literal["rearticulate/model"] = "rearticulate/model"
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 1
+    json_sha256: str | None = Field(default=None, description="of this very file, with zeros in the digest's place")
+    npz_sha256: str | None = Field(default=None, description="of model.npz")
     units: LengthUnit
     frames: int = Field(gt=0)
     canonical_frame: int = Field(ge=0)
@@ -84,7 +100,7 @@ class ModelFile(Schema):
     @property
     def digest(self) -> str:
         """What tells this model from others: of all that model.json says."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        return sha256(self.model_dump_json(exclude={"json_sha256", "npz_sha256"}).encode())[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
         """The joints, each after its parent part's own."""
@@ -107,10 +123,10 @@ class ModelFile(Schema):
         if [part.id for part in self.parts] != parts:
             yield f"parts: found ids {[part.id for part in self.parts]}, expected {parts}"
         for kind, names in (("parts", [p.name for p in self.parts]), ("joints", [j.name for j in self.joints])):
-            if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
-                yield f"{kind}: found the name {twice[0]!r} twice or empty, expected one for each"
+            if twice := sorted(name for name, count in Counter(names).items() if count > 1 or not name):
+                yield f"{kind}: found the name {twice[0][:80]!r} twice or empty, expected one for each"
             if strange := [name for name in names if not name.isprintable()]:
-                yield f"{kind}: found the name {strange[0]!r}, expected printable characters only"
+                yield f"{kind}: found the name {strange[0][:80]!r}, expected printable characters only"
         children = [joint.child for joint in self.joints]
         if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
             yield (
@@ -129,6 +145,15 @@ class Result(Artifact):
     """The artifact of the last stage: what model.json and model.npz hold, in the input's units."""
 
     model: ModelFile
-    canonical_points: Annotated[Float32[np.ndarray, "points 3"], Unit("input")]
-    labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
-    T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input")]
+    canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]
+    labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
+    T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input"), Rigid()]
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> Self:
+        found, expected = self.T_frame_canonical.shape[:2], (self.model.frames, len(self.model.parts))
+        if found != expected:
+            raise ValueError(
+                f"Result.T_frame_canonical: found {found} frames and parts, expected {expected} as in model"
+            )
+        return self

@@ -7,8 +7,8 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from schemas.artifact import Schema
-from schemas.model_file import GREATEST, Vector
+from schemas.artifact import GREATEST, Schema
+from schemas.model_file import Vector
 from schemas.sequence import LengthUnit
 
 State = float | Vector  # radians or input units; a rotation vector of a spherical joint
@@ -46,6 +46,7 @@ class Pose(Schema):
     def _check_root(self) -> Self:
         T = np.array(self.T_pose_root)
         R = T[:3, :3]
-        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0 or not (np.abs(T) <= GREATEST).all():
+        sane = bool((np.abs(T) <= GREATEST).all())
+        if not sane or not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
             raise ValueError("T_pose_root: found no rigid motion, expected a rotation and a translation")
         return self

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pydantic import Field, model_validator
 
-from schemas.artifact import Artifact, Unit
+from schemas.artifact import Artifact, Rigid, Unit, Within
 
 RECONSTRUCTION_ENERGIES = ("E_recons", "E_CD", "E_EMD", "E_flow")  # the whole and its terms (Eq. 5)
 
@@ -19,9 +19,9 @@ class RelaxedModel(Artifact):
     Every label in 0..parts-1 is used by at least one point.
     """
 
-    canonical_frame: int = Field(ge=0)
-    labels: Annotated[Int64[np.ndarray, "points"], Unit("index")]
-    Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")]
+    canonical_frame: Annotated[int, Within(0, "frames")]
+    labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
+    Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid()]
     energy_history: Annotated[Float64[np.ndarray, "records energies"], Unit("normalised")] = Field(
         description="what the solver lowered, over the run; a column for each of `energy_names`"
     )

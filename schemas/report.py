@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import Field
 
-from schemas.artifact import Artifact, Unit
+from schemas.artifact import Artifact, Unit, Within
 
 
 class Report(Artifact):
     """Residuals of every part in every frame: root mean square nearest distances between model and frame."""
 
-    residuals: Annotated[Float64[np.ndarray, "frames parts"], Unit("% of the diagonal")]
+    residuals: Annotated[Float64[np.ndarray, "frames parts"], Unit("% of the diagonal"), Within(0, 1e15)]
     sampling: float = Field(description="what a perfect model would leave, since frames are sampled independently: %")

@@ -27,7 +27,11 @@ class RobotMesh(Schema):
 
 
 class RobotLink(Schema):
-    """A rigid part. Its frame has the canonical frame's orientation; the root's is the canonical frame itself."""
+    """A rigid part. Its frame has the canonical frame's orientation.
+
+    The root's is the canonical frame itself, or where that lies so far away that meshes would lose digits, beside the
+    object.
+    """
 
     name: str
     points: int = Field(description="the surface points that its mesh was made of")
@@ -61,11 +65,13 @@ class Robot(Artifact):
 
     name: str
     metres_per_unit: float
+    size: float = Field(description="the diagonal of the canonical points' box, metres")
     units: str = Field(description="of the model's coordinates, as far as it tells")
     canonical_frame: int
     root: int
     free_base: bool
     density: float
+    remarks: tuple[str, ...] = Field(default=(), description="what the user should know, one line each")
     links: tuple[RobotLink, ...]
     joints: tuple[RobotJoint, ...]
     meshes: tuple[RobotMesh, ...]

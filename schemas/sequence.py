@@ -6,9 +6,9 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from pydantic import Field, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
-from schemas.artifact import Artifact, Schema, Unit
+from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
 
 LengthUnit = Literal["metre", "centimetre", "millimetre", "unknown"]
 JointType = Literal["revolute", "prismatic", "spherical"]
@@ -20,6 +20,7 @@ LENGTH_SYMBOLS: dict[LengthUnit, str] = {
     "unknown": "input units",
 }
 METRES: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001}
+MOST_POINTS = 2**40  # of a frame
 JOINT_MARKS: dict[JointType, str] = {"revolute": "R", "prismatic": "P", "spherical": "S"}
 
 
@@ -32,18 +33,22 @@ class PointSequence(Artifact):
     """
 
     points: Annotated[Float64[np.ndarray, "all_points 3"], Unit("normalised")]
-    point_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count")]
-    dropped_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count")] = Field(
-        description="points of each input frame that were dropped for NaN or infinite coordinates"
+    point_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count"), Within(1, MOST_POINTS)]
+    dropped_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count"), Within(0, MOST_POINTS)] = Field(
+        description="points of each input frame that were dropped: NaN, infinite, or a large number at one place"
     )
-    scale: float = Field(gt=0, description="input units per normalised unit: the object's diagonal")
-    centre: tuple[float, float, float] = Field(description="input coordinates of the normalised origin")
+    scale: float = Field(
+        gt=0, allow_inf_nan=False, description="input units per normalised unit: the object's diagonal"
+    )
+    centre: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
+        description="input coordinates of the normalised origin"
+    )
     units: LengthUnit = Field(description="the input's unit of length")
     frame_names: tuple[str, ...] = Field(description="where each frame came from, for messages")
 
     @model_validator(mode="after")
     def _check_counts(self) -> Self:
-        if int(self.point_counts.sum()) != len(self.points) or (self.point_counts <= 0).any():
+        if int(self.point_counts.sum()) != len(self.points):
             raise ValueError(
                 f"PointSequence.point_counts: found a sum of {int(self.point_counts.sum())} with "
                 f"{len(self.points)} points, expected positive counts that add up to them"
@@ -93,16 +98,30 @@ class GroundTruth(Artifact):
     `parent[p]` is -1 for the root, and -1 for every part where the tree is unknown.
     """
 
-    labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index")]
-    Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised")] = Field(
+    labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index"), Within(0, "parts")]
+    Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
         description="takes a point of part p from where it is in frame 0 to where it is in frame t"
     )
-    Ts_novel_first: Annotated[Float64[np.ndarray, "states parts 4 4"], Unit("normalised")] = Field(
+    Ts_novel_first: Annotated[Float64[np.ndarray, "states parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
         description="the same for unseen states, for the reanimation metric"
     )
-    parent: Annotated[Int64[np.ndarray, "parts"], Unit("index")]
+    parent: Annotated[Int64[np.ndarray, "parts"], Unit("index"), Within(-1, "parts")]
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = Field(description="empty where the source does not tell them")
+
+    @model_validator(mode="after")
+    def _check_tree(self) -> Self:
+        parts = len(self.parent)
+        ancestor = np.arange(parts)
+        for _ in range(parts):
+            ancestor = np.where(ancestor >= 0, self.parent[ancestor], -1)
+        if np.any(ancestor >= 0):
+            raise ValueError(f"GroundTruth.parent: found a loop in {self.parent.tolist()}, expected a tree")
+        for joint in self.joints:
+            if not (0 <= joint.parent < parts and 0 <= joint.child < parts):
+                ends = f"{joint.parent} and {joint.child}"
+                raise ValueError(f"GroundTruth.joints: {joint.name} links {ends}, expected two of 0..{parts - 1}")
+        return self
 
 
 class IngestedSequence(Artifact):

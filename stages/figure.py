@@ -5,16 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, cast
 
-import matplotlib
-
-matplotlib.use("Agg")  # no screen is needed, nor looked for
-
 import numpy as np
 from jaxtyping import Float, Float64, Int64
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from schemas.model_file import Result
 from schemas.sequence import JOINT_MARKS, GroundTruth, IngestedSequence, JointType
@@ -22,6 +14,7 @@ from stages.kernels.colours import colours_of_true_parts, distinct_colours
 from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import thinned
 from stages.kernels.tree_layout import tree_layout
+from stages.pictures import Axes, Axes3D, Figure, Line3DCollection, colormaps
 
 AXIS_LENGTH = 0.24  # half length of a drawn joint axis, as a share of half the longest side
 AXIS_COLOUR = "#d11f2a"
@@ -146,7 +139,7 @@ def _points(axes: Axes3D, p: Float[np.ndarray, "points 3"], colour: Any, size: f
 
 
 def _input(axes: Axes3D, frames: list[Float[np.ndarray, "_ 3"]]) -> None:
-    shades = matplotlib.colormaps["cividis"](np.linspace(0.0, 0.85, len(frames)))
+    shades = colormaps["cividis"](np.linspace(0.0, 0.85, len(frames)))
     for frame, shade in zip(frames, shades, strict=True):
         _points(axes, frame[thinned(len(frame), MOST_POINTS)], [shade], size=1.2)
 
@@ -188,7 +181,7 @@ def _flow(axes: Axes3D, p_pair: Float64[np.ndarray, "pair points 3"]) -> None:
     _points(axes, start, "#b8c0c7", size=1.0)
     shown = thinned(len(start), ARROWS)
     length = np.linalg.norm(end - start, axis=-1)[shown]
-    shades = matplotlib.colormaps["viridis"](length / (length.max() or 1.0))
+    shades = colormaps["viridis"](length / (length.max() or 1.0))
     axes.add_collection3d(Line3DCollection(np.stack([start, end], axis=1)[shown], colors=shades, linewidths=1.1))
 
 

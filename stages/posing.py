@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from schemas.artifact import GREATEST
 from schemas.errors import InputError
-from schemas.model_file import GREATEST, ModelJoint, Result
+from schemas.model_file import ModelJoint, Result
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.normalisation import Normalisation
@@ -47,7 +48,7 @@ def pose_by_states(
     for name, state in states.items():
         if name not in joints:
             raise InputError(
-                f"found the joint {name!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
+                f"found the joint {name[:80]!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
             )
         _check_state(joints[name], state, limits)
     space = Normalisation.of(result.canonical_points)
@@ -206,4 +207,4 @@ def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:
 
 
 def _words(p: Float64[np.ndarray, "3"]) -> str:
-    return "(" + ", ".join(f"{value:.6g}" for value in p) + ")"
+    return "(" + ", ".join(f"{value:.10g}" for value in p) + ")"

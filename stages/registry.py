@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
+
+from pydantic import ValidationError
 
 from schemas.errors import InputError
 
@@ -12,7 +15,8 @@ from schemas.errors import InputError
 def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
     """The function that `name` stands for: a registry entry or `package.module:function`.
 
-    Raises InputError, naming `setting`, for an unknown name or a path that cannot be imported.
+    Raises InputError, naming `setting`, for an unknown name, and for a path that cannot be imported, whatever the
+    user's module does.
     """
     if name in registry:
         return registry[name]
@@ -29,6 +33,20 @@ def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]])
             f"{setting}: cannot import {name!r} ({error}); "
             "check the path, and that its folder is the current one or on PYTHONPATH"
         ) from error
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{setting}: cannot import {name!r} ({error!r}); correct that module") from error
     if not callable(function):
         raise InputError(f"{setting}: {name!r} is a {type(function).__name__}, expected a function")
     return function
+
+
+@contextmanager
+def blaming(setting: str, name: str) -> Iterator[None]:
+    """Put the setting before what a schema says of the result of the function that it names, in one line."""
+    try:
+        yield
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join([error.title, *map(str, first["loc"])])
+        said = first["ctx"]["error"] if "error" in first.get("ctx", {}) else f"{field}: {first['msg']}"
+        raise ValueError(f"{setting} {name!r}: {said}") from error

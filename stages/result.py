@@ -11,8 +11,11 @@ from jaxtyping import Float64
 
 from schemas.kinematic import CONFIDENCES, KinematicModel
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result, Vector
+from schemas.seal import BLANK, sealed, sha256
 from schemas.sequence import PointSequence
+from stages.kernels.contact import next_to_contact
 from stages.kernels.normalisation import Normalisation
+from stages.kernels.precision import float32_holds
 
 
 def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
@@ -27,10 +30,12 @@ def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
             "run the final fit first"
         )
     p_canonical = sequence.to_input(sequence.frames()[model.canonical_frame])
+    single = float32_holds(p_canonical)
     space = Normalisation(np.asarray(sequence.centre), sequence.scale)
     counts = np.bincount(model.labels, minlength=model.part_count).tolist()
     return Result(
         model=ModelFile(
+            version=1 if single else 2,
             units=sequence.units,
             frames=sequence.frame_count,
             canonical_frame=model.canonical_frame,
@@ -38,7 +43,7 @@ def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
             parts=tuple(ModelPart(id=i, name=f"part_{i}", point_count=count) for i, count in enumerate(counts)),
             joints=tuple(_joint(model, sequence, joint) for joint in range(len(model.joint_types))),
         ),
-        canonical_points=p_canonical.astype(np.float32),
+        canonical_points=p_canonical.astype(np.float32) if single else p_canonical,
         labels=model.labels,
         T_frame_canonical=space.motions_to_input(model.Ts_frame_canonical),
     )
@@ -48,8 +53,8 @@ def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJ
     parent, child = int(model.joint_parent[joint]), int(model.joint_child[joint])
     revolute = model.joint_types[joint] == "revolute"
     states = model.states[joint, :, 0] if revolute else model.states[joint, :, 1] * sequence.scale
-    axis = model.axis[joint]
-    point = sequence.to_input(model.point[joint])
+    axis, p = model.axis[joint], sequence.frames()[model.canonical_frame]
+    point = next_to_contact(p[model.labels == parent], p[model.labels == child], axis, model.point[joint])
     return ModelJoint(
         id=joint,
         name=f"joint_{parent}_{child}",
@@ -57,7 +62,7 @@ def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJ
         child=child,
         type="revolute" if revolute else "prismatic",
         axis=_vector(axis),
-        point=_vector(point - axis * (axis @ point)),  # again nearest the origin, which is now the input's
+        point=_vector(sequence.to_input(point)),
         lower=float(states.min()),
         upper=float(states.max()),
         confidence=_confidence(model, joint),
@@ -77,9 +82,14 @@ def _vector(p: Float64[np.ndarray, "3"]) -> Vector:
 
 
 def result_files(result: Result) -> dict[str, bytes]:
-    """The bytes of model.json and model.npz: the same for the same result, at any time."""
-    text = json.dumps(result.model.model_dump(mode="json", exclude_none=True), indent=1, allow_nan=False) + "\n"
-    return {"model.json": text.encode(), "model.npz": _npz_bytes(result.arrays())}
+    """The bytes of model.json and model.npz: the same for the same result, at any time.
+
+    model.json tells the digest of either, so that damage and a mixture of two models are noticed.
+    """
+    arrays = _npz_bytes(result.arrays())
+    model = result.model.model_copy(update={"json_sha256": BLANK, "npz_sha256": sha256(arrays)})
+    text = json.dumps(model.model_dump(mode="json", exclude_none=True), indent=1, allow_nan=False) + "\n"
+    return {"model.json": sealed(text.encode()), "model.npz": arrays}
 
 
 def _npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:

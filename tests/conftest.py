@@ -154,6 +154,7 @@ def robot() -> Robot:
     return Robot(
         name="tetrahedron",
         metres_per_unit=1.0,
+        size=1.7,
         units="metre",
         canonical_frame=0,
         root=0,

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, SetOption, naming, writable_folder
-from pipeline.model_folder import frames_of_model, read_model_folder, write_robot
+from pipeline.delivery import check_target, deliver
+from pipeline.model_folder import frames_of_model, read_model_folder
 from pipeline.presets import load_config
 from schemas.errors import InputError
 
@@ -52,18 +53,21 @@ def export(
     }
     config = load_config(["scans"], settings, options).export
     result = read_model_folder(model)
+    folder = writable_folder(out or model, "--out")
+    check_target(folder)
     from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
 
     with naming(model):
         check_exportable(result)
-    folder = writable_folder(out or model, "--out")
     frames = frames_of_model(model, result)
     robot = describe(result, frames, config, model.resolve().name)
     files = WRITERS[to](robot)
-    write_robot(folder, files)
+    deliver(folder, files)
     what = f"{len(frames)} frames" if frames else "the canonical frame only"
     typer.echo(f"{len(robot.links)} links, {len(robot.joints)} joints; meshes of the points of {what}")
-    if robot.units == "unknown" and scale is None and config.metres_per_unit is None:
+    for line in robot.remarks:
+        typer.echo(line)
+    if robot.units == "unknown" and config.metres_per_unit is None:
         typer.echo("the model's unit is unknown: one unit was taken for one metre; say otherwise by --scale")
     if open_meshes := [entry.file for entry in robot.meshes if not entry.closed]:
         typer.echo(f"not closed: {', '.join(open_meshes)}")

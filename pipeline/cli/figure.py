@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, writable_folder
+from pipeline.files import write_atomically
 from pipeline.model_folder import ingested_of_model, read_model_folder
 from schemas.errors import InputError
 
@@ -32,6 +33,8 @@ def figure(
     result = read_model_folder(model)
     writable_folder(out.parent, "--out")
     from stages.figure import draw  # matplotlib takes a second to import
+    from stages.pictures import picture_bytes
 
-    draw(result, ingested_of_model(model, result)).savefig(out, dpi=110)
+    picture = draw(result, ingested_of_model(model, result))
+    write_atomically(out, picture_bytes(picture, out.suffix.lower().removeprefix("."), dpi=110))
     typer.echo(f"written: {out}")

@@ -23,10 +23,10 @@ from pipeline.cli.options import (
 )
 from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
-from pipeline.files import write_atomically
+from pipeline.delivery import MESHES, RECORD, check_target, deliver
 from pipeline.launch import Outcome
-from pipeline.model_folder import write_robot
 from pipeline.protocol import Request
+from pipeline.remarks import remarks
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile
 
@@ -41,7 +41,7 @@ def fit(
     ],
     preset: PresetOption = None,
     units: Annotated[
-        str | None, typer.Option(help="The unit of the coordinates: metre, centimetre or millimetre.")
+        str | None, typer.Option(help="The unit of the coordinates: m, cm or mm, or in words: millimetre.")
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
     seed: SeedOption = None,
@@ -66,11 +66,16 @@ def fit(
         truth=truth,
         workers=workers,
     )
+    check_target(out)
     console, start = screen(), time.perf_counter()
     outcome = follow(request, console)
     if outcome.exit_code() == 0:
-        deliver(outcome, out)
-        summarise(request, outcome, out, time.perf_counter() - start, console)
+        files = delivered_files(outcome)
+        deliver(out, files, obsolete=["metrics.json"])
+        summarise(request, outcome, console)
+        names = dict.fromkeys(f"{MESHES}/" if name.startswith(f"{MESHES}/") else name for name in [*files, RECORD])
+        written = ", ".join(str(out / name) + "/" * name.endswith("/") for name in names)
+        console.print(f"written in {time.perf_counter() - start:.1f} s: {written}", soft_wrap=True, markup=False)
     name_failures(outcome)
     raise typer.Exit(outcome.exit_code())
 
@@ -80,28 +85,25 @@ def directory_of(outcome: Outcome, task: str) -> Path:
     return next(place.directory for place in outcome.planned.values() if place.task == task)
 
 
-def deliver(outcome: Outcome, out: Path) -> None:
-    """Put the result's files where the user wants them, each whole or not at all."""
+def delivered_files(outcome: Outcome) -> dict[str, bytes]:
+    """What the user gets, by relative path: the model first, which is written last, and meshes last."""
     stages = ("result", "export", "report")
     result, exported, report = (store.read_files(directory_of(outcome, stage)) for stage in stages)
-    for name in ("model.npz", "model.json"):
-        write_atomically(out / name, result[name])
-    names = [name for name in exported if name.startswith(("robot.", "meshes/"))]
-    write_robot(out, {name: exported[name] for name in sorted(names, reverse=True)})  # meshes last: written first
-    write_atomically(out / "report.html", report["report.html"])
+    files = {name: result[name] for name in ("model.json", "model.npz")}
     metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
     if metrics.parts_true is not None:
-        write_atomically(out / "metrics.json", metrics.model_dump_json(indent=1).encode() + b"\n")
-    else:
-        (out / "metrics.json").unlink(missing_ok=True)  # an earlier fit's
+        files["metrics.json"] = metrics.model_dump_json(indent=1).encode() + b"\n"
+    files["report.html"] = report["report.html"]
+    names = [name for name in exported if name.startswith(("robot.", f"{MESHES}/"))]
+    return files | {name: exported[name] for name in sorted(names, key=lambda name: (MESHES in name, name))}
 
 
-def summarise(request: Request, outcome: Outcome, out: Path, seconds: float, console: Console) -> None:
-    """Say what was found, how well it fits, and where it is."""
-    console.print(model_table(ModelFile.model_validate_json((out / "model.json").read_bytes())))
+def summarise(request: Request, outcome: Outcome, console: Console) -> None:
+    """Say what was found, how well it fits, and what the user should know of it."""
+    model = store.read_manifest(directory_of(outcome, "result")).payload["model"]
+    console.print(model_table(ModelFile.model_validate(model)))
     energies = store.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
     console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
     show(evaluation_of(request, outcome), console)
-    files = ("model.json", "model.npz", "robot.urdf", "metrics.json", "report.html")
-    written = [out / file for file in files if (out / file).exists()]
-    console.print(f"written in {seconds:.1f} s: {', '.join(map(str, written))}", soft_wrap=True)
+    for _, line in remarks(outcome):
+        console.print(line, soft_wrap=True, markup=False)

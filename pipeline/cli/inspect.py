@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from rich.console import Console
@@ -11,20 +12,32 @@ from rich.table import Table
 
 from pipeline import inspection
 from pipeline.cli.options import JsonOption, screen
+from pipeline.delivery import RECORD, check_delivery
 from pipeline.store import MANIFEST
 from schemas.errors import InputError
 
 
 def inspect(
     path: Annotated[
-        Path, typer.Argument(help="An artifact's folder, as in workdir/roboart/bolt/flow-0123456789abcdef.")
+        Path,
+        typer.Argument(
+            help="An artifact's folder, as in workdir/roboart/bolt/flow-0123456789abcdef, or one that `fit` filled."
+        ),
     ],
     as_json: JsonOption = False,
 ) -> None:
     """Show an artifact: where it came from, its arrays and energies. Exit code 1 where it is corrupt.
 
-    Example: `reart inspect workdir/roboart/bolt/final_fit-0123456789abcdef --json`
+    Of a folder that `reart fit` or `reart export` filled it tells whether every file is still as it was written.
+
+    Examples:
+
+    - `reart inspect workdir/roboart/bolt/final_fit-0123456789abcdef --json`
+
+    - `reart inspect models/lamp`
     """
+    if (path / RECORD).is_file() and not (path / MANIFEST).is_file():
+        show_delivery(check_delivery(path), as_json)
     if not (path / MANIFEST).is_file():
         raise InputError(
             f"{path}: found no {MANIFEST}, expected the folder of a complete artifact, "
@@ -36,6 +49,15 @@ def inspect(
     else:
         show(report, screen())
     raise typer.Exit(1 if report.problems else 0)
+
+
+def show_delivery(problems: list[str], as_json: bool) -> NoReturn:
+    """Tell what is wrong with delivered files, and exit."""
+    if as_json:
+        print(json.dumps({"problems": problems}, indent=1))
+    else:
+        print("\n".join(f"changed: {problem}" for problem in problems) or "every file is as it was written")
+    raise typer.Exit(1 if problems else 0)
 
 
 def show(report: inspection.Inspection, console: Console) -> None:

@@ -28,6 +28,7 @@ from pipeline.cli.options import (
 from pipeline.cli.tables import screen_table
 from pipeline.launch import FAILED, Outcome
 from pipeline.protocol import Request
+from pipeline.remarks import remarks
 from pipeline.report_tables import brief_tables
 from schemas.scores import MissingScore, Scores
 
@@ -68,23 +69,29 @@ def finish(request: Request, write: bool = False) -> None:
     """Run a request to its end, show the evaluation of what is complete, and exit; `write` its files too."""
     console = screen()
     outcome = follow(request, console)
-    unsound: list[store.ArtifactError] = []
+    unsound = unsound_results(outcome)
     try:
         if outcome.planned:
-            unsound = unsound_results(outcome)
-            scores = evaluation_of(request, outcome)
-            show(scores, console)
-            if write:
-                from pipeline.evaluation_files import default_folder, write_evaluation
-
-                folder = default_folder(request)
-                write_evaluation(scores, request.workdir, folder)
-                console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
+            conclude(request, outcome, console, write)
     finally:  # also where the evaluation cannot be written
         name_failures(outcome)
         for error in unsound:
             print(f"error: {error}", file=sys.stderr)
     raise typer.Exit(outcome.exit_code() or (FAILED if unsound else 0))
+
+
+def conclude(request: Request, outcome: Outcome, console: Console, write: bool) -> None:
+    """Show the evaluation of what a run made and what the user should know of it; `write` the evaluation's files."""
+    scores = evaluation_of(request, outcome)
+    show(scores, console)
+    for sequence, line in remarks(outcome):
+        console.print(f"{sequence}: {line}", soft_wrap=True, markup=False)
+    if write:
+        from pipeline.evaluation_files import default_folder, write_evaluation
+
+        folder = default_folder(request)
+        write_evaluation(scores, request.workdir, folder)
+        console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
 
 
 def unsound_results(outcome: Outcome) -> list[store.ArtifactError]:

@@ -15,7 +15,8 @@ COLOURS = {"better": "green", "worse": "red"}
 
 def model_table(model: ModelFile) -> Table:
     """A line a joint."""
-    table = Table("joint", "parent", "child", "type", "axis", "range", title=f"{len(model.parts)} parts")
+    title = f"{len(model.parts)} part{'' if len(model.parts) == 1 else 's'}"
+    table = Table("joint", "parent", "child", "type", "axis", "range", title=title)
     for joint in model.joints:
         unit = LENGTH_SYMBOLS[model.units] if joint.type == "prismatic" else "rad"
         table.add_row(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from pathlib import Path
 from typing import Annotated
@@ -48,6 +49,7 @@ def train_flow(
     chosen = load_settings(TrainFlowConfig, TRAINING_FOLDER, presets, settings)
     folder = writable_folder(out, "--out")
     from pipeline.training import train  # torch takes seconds to import
+    from pipeline.training_batches import MakerDied
 
     console = screen()
     losses: deque[float] = deque(maxlen=RECENT)
@@ -72,5 +74,13 @@ def train_flow(
                     f"{line.right:.0%} of points, {line.mutual_right:.0%} of the {line.mutual:.0%} matched"
                 )
 
-        weights = train(chosen, folder, assets, report)
+        try:
+            weights = train(chosen, folder, assets, report)
+        except MakerDied as error:
+            print(
+                f"error: the process that makes pairs to train on ended ({error}); "
+                f"what {folder} holds is kept: give the same command again",
+                file=sys.stderr,
+            )
+            raise typer.Exit(1) from error
     typer.echo(f"written: {weights}")

@@ -18,7 +18,6 @@ from stages.kernels.surface_graph import surface_graph
 
 FARTHEST = 3.0  # points of a frame farther from the posed model, in spacings, are of none of its parts
 LEAST_SPECK = 0.02  # share of a part's points below which a piece apart from the rest is no part of it
-CONTACT = 1.5  # points of a part this much farther than the nearest from its parent are its contact
 NEIGHBOURS = 8
 COACD_TRIANGLES = 600
 MOST_POINTS = 150_000  # that a whole description is made of; every so manyth of more
@@ -87,22 +86,3 @@ def collision_meshes(mesh: Mesh, config: ExportConfig) -> list[Mesh]:
         seed=0,
     )
     return [convex_hull(np.asarray(vertices, dtype=np.float64)) for vertices, _ in pieces]
-
-
-def joint_origin(
-    parent: Float64[np.ndarray, "points 3"],
-    child: Float64[np.ndarray, "others 3"],
-    axis: Float64[np.ndarray, "3"],
-    point: Float64[np.ndarray, "3"],
-) -> Float64[np.ndarray, "3"]:
-    """The point of a joint's axis next to where its child touches its parent.
-
-    Where one of them has no points, next to the other's middle.
-    """
-    if len(parent) and len(child):
-        distance = nearest(KDTree(parent), child)[0]
-        near = child[distance <= CONTACT * distance.min() + 0.02 * np.ptp(child, axis=0).max()]
-    else:
-        near = np.concatenate([parent, child, point[None]])
-    along: np.ndarray = axis * (axis @ (near.mean(axis=0) - point))
-    return point + along

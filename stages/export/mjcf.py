@@ -73,9 +73,10 @@ def _positions(robot: Robot, order: list[RobotJoint], t: int) -> list[float]:
     states = [joint.states[t] for joint in order]
     if not robot.free_base:
         return states
-    T = robot.T_frame_root[t]
-    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True, scalar_first=True)
-    return [*T[:3, 3].tolist(), *quaternion.tolist(), *states]
+    R, t_root = robot.T_frame_root[t, :3, :3], robot.T_frame_root[t, :3, 3]
+    place = R @ robot.links[robot.root].origin + t_root
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    return [*place.tolist(), *quaternion.tolist(), *states]
 
 
 def _stem(file: str) -> str:

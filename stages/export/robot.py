@@ -13,10 +13,13 @@ from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelJoint, Result, Vector
 from schemas.robot import MeshRole, Robot, RobotJoint, RobotLink, RobotMesh, SolidKind
 from schemas.sequence import METRES
-from stages.export.geometry import cleaned, collision_meshes, fuse, joint_origin, part_mesh
+from stages.export.geometry import cleaned, collision_meshes, fuse, part_mesh
 from stages.export.inertia import Solid, about_axis, solid_of
+from stages.export.remarks import remarks
+from stages.kernels.contact import next_to_contact
 from stages.kernels.meshing import Mesh, convex_hull
 from stages.kernels.normalisation import Normalisation
+from stages.kernels.precision import float32_holds
 from stages.kernels.sampling import spacing
 from stages.mechanism import root_moves
 
@@ -67,26 +70,34 @@ def describe(
     middle, diagonal = result.canonical_points.astype(np.float64).mean(axis=0), space.scale
     fused = (fused - middle) / diagonal  # the same meshes in any unit
     middle, diagonal = middle * scale, diagonal * scale
+    # of the root; what follows is told from there, for meshes are of 32-bit floats
+    root_origin = np.zeros(3) if float32_holds(scale * result.canonical_points) else middle
     radius = config.reach * spacing(fused)
-    bodies = [_body(fused[labels == part.id], radius, config).placed(diagonal, middle) for part in model.parts]
+    bodies = [
+        _body(fused[labels == part.id], radius, config).placed(diagonal, middle - root_origin) for part in model.parts
+    ]
     order = model.joints_from_root()
     origins = np.zeros((len(bodies), 3))
     for joint in order:
-        axis, point = np.array(joint.axis), np.array(joint.point) * scale
-        origins[joint.child] = joint_origin(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
+        axis, point = np.array(joint.axis), np.array(joint.point) * scale - root_origin
+        origins[joint.child] = next_to_contact(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
     links, inertias = _links(model, bodies, origins, diagonal, config.density)
     joints = _joints(model, order, links, inertias, scale, diagonal, config)
+    links = tuple(link.model_copy(update={"origin": _vector(np.add(link.origin, root_origin))}) for link in links)
     T_frame_root = result.T_frame_canonical[:, model.root].copy()
     T_frame_root[:, :3, 3] *= scale
     meshes = list(_meshes(model, bodies))
+    free_base = root_moves(space.motions(result.T_frame_canonical[:, model.root]))
     return Robot(
         name=name,
         metres_per_unit=scale,
+        size=diagonal,
         units=model.units,
         canonical_frame=model.canonical_frame,
         root=model.root,
-        free_base=root_moves(space.motions(result.T_frame_canonical[:, model.root])),
+        free_base=free_base,
         density=config.density,
+        remarks=remarks(model, free_base, config.metres_per_unit, diagonal, sum(link.mass for link in links)),
         links=links,
         joints=joints,
         meshes=tuple(entry for entry, _ in meshes),

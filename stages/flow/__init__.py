@@ -6,7 +6,8 @@ An estimator is a function `(frames, config, rng, progress) -> list[PairFlow]`; 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -21,7 +22,7 @@ from stages.flow.match import Estimator, matching_by
 from stages.flow.network.describe import describe
 from stages.flow.pair import PairFlow
 from stages.progress import Progress, silent
-from stages.registry import resolve
+from stages.registry import blaming, resolve
 
 
 def estimate_none(
@@ -49,30 +50,41 @@ def estimate_flow(
 ) -> Flow:
     """Flow of every consecutive frame pair, by the estimator that the configuration names.
 
-    Raises InputError for an unknown estimator, ValueError where a user's own returns the wrong number of
-    pairs or indices outside a frame.
+    Raises InputError for an unknown estimator, ValueError where a user's own returns something else than one PairFlow
+    for each pair, or indices outside a frame.
     """
     frames = sequence.frames()
     pairs = resolve("flow.estimator", config.estimator, ESTIMATORS)(frames, config, rng, progress)
-    if len(pairs) != len(frames) - 1:
-        raise ValueError(
-            f"flow.estimator {config.estimator!r}: found {len(pairs)} pairs, expected {len(frames) - 1} "
-            f"for {len(frames)} frames; return one PairFlow for each consecutive pair"
+    if problem := next(_problems(pairs, [len(frame) for frame in frames]), None):
+        raise ValueError(f"flow.estimator {config.estimator!r}{problem}")
+    with blaming("flow.estimator", config.estimator):
+        return Flow(
+            match_counts=np.array([len(pair.source_index) for pair in pairs], dtype=np.int64),
+            source_index=np.concatenate([pair.source_index for pair in pairs]),
+            target_index=np.concatenate([pair.target_index for pair in pairs]),
+            flow=np.concatenate([pair.flow for pair in pairs]),
+            confidence=np.concatenate([pair.confidence for pair in pairs]),
+        )
+
+
+def _problems(pairs: Any, point_counts: Sequence[int]) -> Iterator[str]:
+    """What is wrong with an estimator's answer for frames of so many points."""
+    if not isinstance(pairs, Sequence) or len(pairs) != len(point_counts) - 1:
+        found = f"{len(pairs)} pairs" if isinstance(pairs, Sequence) else f"a {type(pairs).__name__}"
+        yield (
+            f": found {found}, expected {len(point_counts) - 1} for {len(point_counts)} frames; "
+            "return one PairFlow for each consecutive pair"
         )
     for k, pair in enumerate(pairs):
+        if not isinstance(pair, PairFlow):
+            yield f", pair {k}: found a {type(pair).__name__}, expected a PairFlow"
+        columns = {name: np.shape(getattr(pair, name)) for name in ("source_index", "target_index", "confidence")}
+        rows = len(pair.source_index) if columns["source_index"] else 0
+        if set(columns.values()) != {(rows,)} or np.shape(pair.flow) != (rows, 3):
+            yield f", pair {k}: found arrays of shapes {columns | {'flow': np.shape(pair.flow)}}, expected equal rows"
         for name, index, count in (
-            ("source_index", pair.source_index, len(frames[k])),
-            ("target_index", pair.target_index, len(frames[k + 1])),
+            ("source_index", pair.source_index, point_counts[k]),
+            ("target_index", pair.target_index, point_counts[k + 1]),
         ):
-            if len(index) and not 0 <= index.min() <= index.max() < count:
-                raise ValueError(
-                    f"flow.estimator {config.estimator!r}, pair {k}: {name} in {index.min()}..{index.max()}, "
-                    f"expected 0..{count - 1}"
-                )
-    return Flow(
-        match_counts=np.array([len(pair.source_index) for pair in pairs], dtype=np.int64),
-        source_index=np.concatenate([pair.source_index for pair in pairs]),
-        target_index=np.concatenate([pair.target_index for pair in pairs]),
-        flow=np.concatenate([pair.flow for pair in pairs]),
-        confidence=np.concatenate([pair.confidence for pair in pairs]),
-    )
+            if len(index) and not 0 <= np.min(index) <= np.max(index) < count:
+                yield f", pair {k}: {name} in {np.min(index)}..{np.max(index)}, expected 0..{count - 1}"

@@ -6,12 +6,14 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import GroundTruth, LengthUnit, PointSequence, TrueJoint
-from stages.ingest.point_formats import Points
+from stages.ingest.digits import warn_of_lost_digits
+from stages.ingest.dropping import dropped_message, kept_points
+from stages.ingest.formats.rows import Points
 from stages.ingest.readers import Frame
 from stages.ingest.truth import RawTruth, check_truth
 
@@ -25,14 +27,14 @@ _FIRST_FRAME_TOLERANCE = 1e-3
 
 
 def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) -> PointSequence:
-    """The frames without their non-finite points, moved and scaled to the normalised frame.
+    """The frames without their points that are none, moved and scaled to the normalised frame.
 
     The scale is the median over the frames of the diagonal of a frame's bounding box, the centre the median
     of the boxes' centres, so that a stray point in a few frames changes neither. Dropped points are counted and
-    reported in one warning. Raises InputError, naming the frame, for too few finite points, all points equal,
-    coordinates that overflow, and sizes that only mixed units explain.
+    reported in one warning, and lost digits in another. Raises InputError, naming the frame, for too few points that
+    are kept, all points equal, coordinates that overflow, and sizes that only mixed units explain.
     """
-    kept = [frame.points[finite_points(frame)] for frame in frames]
+    kept = [frame.points[kept_points(frame)] for frame in frames]
     for frame, points in zip(frames, kept, strict=True):
         _check_frame(frame, points, config.min_points)
     lowest = np.array([points.min(axis=0) for points in kept])
@@ -43,7 +45,8 @@ def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) 
     centre = np.median((lowest + highest) / 2, axis=0)
     dropped = np.array([len(frame.points) - len(points) for frame, points in zip(frames, kept, strict=True)])
     if dropped.any():
-        _log.warning(_dropped_message(frames, dropped.tolist()))
+        _log.warning(dropped_message(frames, dropped.tolist()))
+    warn_of_lost_digits([frame.name for frame in frames], kept)
     return PointSequence(
         points=(np.concatenate(kept) - centre) / scale,
         point_counts=np.array([len(points) for points in kept], dtype=np.int64),
@@ -63,7 +66,7 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
     where the truth does not fit the frames or does not start from frame 0.
     """
     check_truth(truth, [len(frame.points) for frame in frames], "ground truth")
-    labels = [of_frame[finite_points(frame)] for of_frame, frame in zip(truth.labels, frames, strict=True)]
+    labels = [of_frame[kept_points(frame)] for of_frame, frame in zip(truth.labels, frames, strict=True)]
     Ts_frame_first = normalise_transforms(truth.Ts_frame_first, sequence)
     error = np.abs(Ts_frame_first[0] - np.eye(4)).max(axis=(-2, -1))
     if error.max() > _FIRST_FRAME_TOLERANCE:
@@ -79,11 +82,6 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
         part_names=truth.part_names,
         joints=tuple(_normalise_joint(joint, sequence) for joint in truth.joints),
     )
-
-
-def finite_points(frame: Frame) -> Bool[np.ndarray, "points"]:
-    """Which points of a frame have three finite coordinates."""
-    return np.isfinite(frame.points).all(axis=1)
 
 
 def normalise_transforms(
@@ -105,7 +103,8 @@ def _normalise_joint(joint: TrueJoint, sequence: PointSequence) -> TrueJoint:
 def _check_frame(frame: Frame, points: Points, min_points: int) -> None:
     if len(points) < min_points:
         raise InputError(
-            f"{frame.name}: found {len(points)} points with finite coordinates (of {len(frame.points)}), "
+            f"{frame.name}: found {len(points)} points with finite coordinates at places of their own "
+            f"(of {len(frame.points)}), "
             f"expected at least {min_points} (ingest.min_points); leave this frame out or scan it again"
         )
     largest = np.abs(points).max()
@@ -135,11 +134,3 @@ def _check_sizes(frames: Sequence[Frame], diagonals: Float64[np.ndarray, "frames
         f"in {frames[other].name}, a factor of {ratio:.4g}; expected one unit of length in all frames: "
         "convert this frame or remove its stray points"
     )
-
-
-def _dropped_message(frames: Sequence[Frame], dropped: list[int]) -> str:
-    affected = [
-        f"{count} of {len(frame.points)} in {frame.name}" for frame, count in zip(frames, dropped, strict=True) if count
-    ]
-    more = f" and {len(affected) - 5} more frames" if len(affected) > 5 else ""
-    return f"dropped {sum(dropped)} points with NaN or infinite coordinates: {', '.join(affected[:5])}{more}"

@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
-import zipfile
+import logging
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from schemas.errors import InputError
-from stages.ingest.listing import visible_files
-from stages.ingest.point_formats import FRAME_SUFFIXES, Points, as_points, map_array, one_line, read_points
+from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, points_shape
+from stages.ingest.formats.npz_frames import find_frames, holds_one_cloud, read_npz_frames
+from stages.ingest.formats.rows import Points
+from stages.ingest.formats.tables import looks_like_table
+from stages.ingest.listing import is_file, is_folder, visible_files, visible_folders
+from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, too_large, unreadable
+from stages.ingest.order import in_order
+from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_points
 from stages.ingest.roboart_pickles import is_state, read_state_points
 
-_STACK_KEYS = ("points", "pc")
-_EXPECTED = "expected a folder of .ply, .pcd, .xyz or .npy frames, or one .npy or .npz of shape (frames, points, 3)"
+__all__ = ["Frame", "frame_files", "load_npz", "read_frames"]
+
+_log = logging.getLogger("rearticulate.ingest")
+
+_LOOKED_INTO = 50  # sub-folders, where a folder holds no frames
+_EXPECTED = (
+    "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts or .npy frames, "
+    "or one .npy or .npz of shape (frames, points, 3)"
+)
 
 
 @dataclass(frozen=True)
@@ -25,105 +40,183 @@ class Frame:
     points: Points
 
 
-def read_frames(path: Path) -> list[Frame]:
-    """The frames of one sequence, in natural order (frame_2 before frame_10), in the input's units.
+def read_frames(path: Path, every: int = 1, max_points: int = sys.maxsize) -> list[Frame]:
+    """Every `every`-th frame of one sequence, in the order of the numbers in their names, in the input's units.
 
-    `path` is a folder with one file a frame (.ply, .pcd, .xyz, .npy, or the original RoboArt's state_K.pkl)
-    or one .npy or .npz of shape (frames, points, 3). Raises InputError for a path that holds nothing of the
-    kind, for a damaged file and for fewer than two frames.
+    `path` is a folder with one file a frame (.ply, .pcd, a table of text, .npy, or the original RoboArt's
+    state_K.pkl), or one .npy or .npz with all. Raises InputError for a path that holds nothing of the kind, for a
+    damaged file, for fewer than two frames, and for more points than `max_points`, before they are read where the
+    file declares them.
     """
-    if path.is_dir():
-        frames = _read_folder(path)
-    elif path.is_file():
-        frames = _read_stack(path)
-    else:
-        raise InputError(f"{path}: found neither a file nor a folder there, {_EXPECTED}; check the path")
-    if len(frames) < 2:
-        raise InputError(f"{path}: found {len(frames)} frame, expected at least 2 of one moving object; add frames")
-    return frames
+    if is_folder(path):
+        return _read_folder(path, every, max_points)
+    if is_file(path):
+        return _read_stack(path, every, max_points)
+    raise InputError(f"{path}: found neither a file nor a folder there, {_EXPECTED}; check the path")
 
 
 def frame_files(folder: Path) -> list[Path]:
-    """Those files of a folder that hold one frame each by their names, in natural order."""
-    return [file for file in visible_files(folder) if _frame_kind(file) is not None]
+    """Those files of a folder that hold one frame each, in order.
+
+    Files that may hold something else (.txt, .csv, .npz, ...) are frames where no others are and they look like it.
+    """
+    files = visible_files(folder)
+    certain = [file for file in files if is_state(file) or file.suffix.lower() in _CERTAIN_SUFFIXES]
+    found = certain or [file for file in files if _looks_like_frame(file)]
+    by_name = {file.name: file for file in found}
+    return [by_name[name] for name in in_order(list(by_name)).names]
 
 
-def load_npz(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of an .npz. Raises InputError where it is damaged or holds pickled objects."""
-    try:
-        with path.open("rb") as file:
-            if not zipfile.is_zipfile(file):
-                raise zipfile.BadZipFile("it is no zip archive")
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-    except Exception as error:  # zip, its compressors and numpy have many ways to say that a file is damaged
+def axes(path: Path) -> int:
+    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header."""
+    match path.suffix.lower():
+        case ".npz":
+            return 2 if holds_one_cloud(path) else 3
+        case ".npy":
+            try:
+                array = map_array(path)
+                return len(points_shape(array.shape, array.dtype)) or array.ndim
+            except (ValueError, OSError):
+                return 2  # reading it as a frame tells what is wrong
+    return 2
+
+
+def check_every(count: int, step: int) -> None:
+    """Raise InputError for too few frames, and where every `step`-th of them is only one."""
+    if count >= 2 and step >= count:
         raise InputError(
-            f"{path}: cannot be read as .npz ({one_line(error)}), expected plain numeric arrays; save it with np.savez"
-        ) from error
+            f"ingest.every: found {step}, which leaves one frame of {count}, expected two; give at most {count - 1}"
+        )
 
 
-def _frame_kind(path: Path) -> str | None:
-    if is_state(path):
-        return "state_K.pkl"
-    suffix = path.suffix.lower()
-    return suffix if suffix in FRAME_SUFFIXES else None
+_CERTAIN_SUFFIXES = tuple(suffix for suffix in FRAME_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
 
 
-def _read_folder(folder: Path) -> list[Frame]:
+def _looks_like_frame(file: Path) -> bool:
+    suffix = file.suffix.lower()
+    if suffix not in AMBIGUOUS_SUFFIXES:
+        return False
+    try:
+        return holds_one_cloud(file) if suffix == ".npz" else looks_like_table(file)
+    except OSError as error:
+        raise unreadable(file, error) from error
+
+
+def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
     files = frame_files(folder)
     if not files:
-        others = [file.name for file in visible_files(folder)]
-        more = ", ..." if len(others) > 3 else ""
-        found = f"no frame among {', '.join(others[:3])}{more}" if others else "an empty folder"
-        raise InputError(f"{folder}: found {found}, {_EXPECTED}; convert the files or check the path")
-    kinds = sorted({str(_frame_kind(file)) for file in files})
+        raise InputError(f"{folder}: {_without_frames(folder)}")
+    kinds = sorted({"state_K.pkl" if is_state(file) else file.suffix.lower() for file in files})
     if len(kinds) > 1:
         raise InputError(
             f"{folder}: found frames of the kinds {' and '.join(kinds)}, expected one kind, "
             "since their order is unclear; move the others away"
         )
-    return [Frame(file.name, (read_state_points if is_state(file) else read_points)(file)) for file in files]
+    _check_frame_count(folder, len(files), every)
+    _report_order(folder, files)
+    frames, left = [], max_points
+    for file in files[::every]:
+        try:
+            points = read_state_points(file) if is_state(file) else read_points(file, left)
+            check_count(len(points), left)
+        except TooLargeError as error:
+            raise too_large(file, error, max_points) from error
+        left -= len(points)
+        frames.append(Frame(file.name, points))
+    return frames
 
 
-def _read_stack(path: Path) -> list[Frame]:
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        stack = _load_npy(path)
-    elif suffix == ".npz":
-        stack = _pick_array(path, load_npz(path))
-    elif suffix in FRAME_SUFFIXES:
-        raise InputError(f"{path}: found one {suffix} file, which is one frame; give the folder that holds all frames")
-    else:
-        raise InputError(f"{path}: found a {suffix or 'nameless'} file, {_EXPECTED}; convert it")
-    if stack.ndim != 3 or stack.shape[2] != 3:
-        raise InputError(
-            f"{path}: found an array of shape {stack.shape}, expected (frames, points, 3); "
-            "save one array with all frames, or a folder with one .npy of shape (points, 3) each"
+def _report_order(folder: Path, files: list[Path]) -> None:
+    order = in_order([file.name for file in files])
+    if order.doubt:
+        _log.warning("%s: %s", folder, order.message())
+    if files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
+        kind = files[0].suffix.lower()
+        if left_out := [
+            file.name for file in visible_files(folder) if file not in files and file.suffix.lower() == kind
+        ]:
+            more = ", ..." if len(left_out) > 3 else ""
+            _log.warning("%s: %s hold no points and are left out", folder, ", ".join(left_out[:3]) + more)
+
+
+def _without_frames(folder: Path) -> str:
+    """What is wrong with a folder without frames."""
+    others = [file.name for file in visible_files(folder)]
+    if folders := frame_folders(folder):
+        return folders
+    nested = [(below, frame_files(below)) for below in visible_folders(folder)[:_LOOKED_INTO]]
+    if sequences := [below.name for below, files in nested if len(files) > 1]:
+        return (
+            f"found no frames, but folders with frames ({', '.join(sequences[:3])}), expected one of them; "
+            "give that, or all of them to `reart run --data`"
         )
-    return [Frame(f"{path.name}[{index}]", _as_frame(points, str(path))) for index, points in enumerate(stack)]
+    more = ", ..." if len(others) > 3 else ""
+    found = f"no frame among {', '.join(others[:3])}{more}" if others else "an empty folder"
+    if not others and nested:
+        found = f"only folders without frames ({', '.join(below.name for below, _ in nested[:3])})"
+    return f"found {found}, {_EXPECTED}; convert the files or check the path"
 
 
-def _as_frame(array: np.ndarray, where: str) -> Points:
+def frame_folders(folder: Path) -> str:
+    """What is wrong with a folder whose sub-folders hold one frame each; empty for any other."""
+    nested = [files for below in visible_folders(folder)[:_LOOKED_INTO] if (files := frame_files(below))]
+    nested = [files for files in nested if axes(files[0]) == 2]
+    if len(nested) < 2 or any(len(files) > 1 for files in nested):
+        return ""
+    first, second = (files[0] for files in nested[:2])
+    return (
+        f"found a folder for each frame ({first.parent.name}/{first.name}, {second.parent.name}/{second.name}, ...), "
+        "expected all frames side by side in one folder; move them there and name them by their folders "
+        f"({first.parent.name}{first.suffix}, {second.parent.name}{second.suffix}, ...)"
+    )
+
+
+def _read_stack(path: Path, every: int, max_points: int) -> list[Frame]:
+    suffix = path.suffix.lower()
+    if suffix not in (".npy", ".npz"):
+        if suffix in FRAME_SUFFIXES:
+            raise InputError(
+                f"{path}: found one {suffix} file, which is one frame; give the folder that holds all frames"
+            )
+        raise InputError(f"{path}: found a {suffix or 'nameless'} file, {_EXPECTED}; convert it")
     try:
-        return as_points(array)
+        if suffix == ".npy":
+            return [Frame(name, points) for name, points in _npy_frames(path, every, max_points)]
+        frames = find_frames(path)
+        _check_frame_count(path, frames.count, every)
+        if frames.doubt:
+            _log.warning("%s: %s", path, frames.doubt)
+        return [Frame(name, points) for name, points in read_npz_frames(path, frames, every, max_points)]
+    except TooLargeError as error:
+        raise too_large(path, error, max_points) from error
+    except MemoryError as error:
+        raise out_of_memory(path) from error
+
+
+def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points]]:
+    try:
+        stack = map_array(path)
+    except OSError as error:
+        raise unreadable(path, error) from error
     except ValueError as error:
-        raise InputError(f"{where}: {one_line(error)}; save the coordinates as floats of shape (points, 3)") from error
-
-
-def _load_npy(path: Path) -> np.ndarray:
-    try:
-        return map_array(path)
-    except (ValueError, OSError) as error:
         raise InputError(
             f"{path}: cannot be read as .npy ({one_line(error)}), expected plain numbers; save it with np.save"
         ) from error
-
-
-def _pick_array(path: Path, arrays: dict[str, np.ndarray]) -> np.ndarray:
-    named = [name for name in _STACK_KEYS if name in arrays]
-    if not named and len(arrays) != 1:
+    shape = points_shape(stack.shape, stack.dtype)
+    if len(shape) != 3:
+        transposed = stack.ndim == 3 and stack.shape[1] == 3
+        remedy = "save the transpose, array.transpose(0, 2, 1)" if transposed else f"save that, or {PER_FRAME[5:]}"
         raise InputError(
-            f"{path}: found the arrays {', '.join(arrays) or '(none)'}, expected one, or one named 'points'; rename it"
+            f"{path}: found an array of shape {stack.shape} of {stack.dtype}, expected (frames, points, 3) "
+            f"of real numbers; {remedy}"
         )
-    return arrays[(named or list(arrays))[0]]
+    _check_frame_count(path, shape[0], every)
+    check_count(shape[1] * len(range(0, shape[0], every)), most)
+    for index in range(0, shape[0], every):
+        yield f"{path.name}[{index}]", as_points(np.asarray(stack[index]))
+
+
+def _check_frame_count(path: Path, count: int, every: int) -> None:
+    if count < 2:
+        raise InputError(f"{path}: found {count} frame, expected at least 2 of one moving object; add frames")
+    check_every(count, every)

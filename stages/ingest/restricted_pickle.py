@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from schemas.errors import InputError
-from stages.ingest.point_formats import one_line
+from stages.ingest.messages import one_line, out_of_memory, unreadable
 
 _ADVICE = "expected only numbers, texts, containers and plain numpy arrays; save the arrays again, best as .npz"
 _KEY_TYPES = (str, int, float, bool, bytes, type(None))
@@ -41,9 +41,14 @@ def load_arrays(path: Path) -> Any:
     """
     try:
         data = path.read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    try:
         return _run(data)
     except _RefusedError as refusal:
         raise InputError(f"{path}: refused, not run, since the pickle {one_line(refusal)}; {_ADVICE}") from None
+    except MemoryError as error:
+        raise out_of_memory(path) from error
     except Exception as error:  # whatever a broken or hostile file provokes is the file's fault
         raise InputError(f"{path}: cannot be read as a pickle ({one_line(error)}); {_ADVICE}") from error
 

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.errors import InputError
+from stages.ingest.formats.arrays import as_points
 from stages.ingest.listing import visible_files
-from stages.ingest.point_formats import as_points, one_line
+from stages.ingest.messages import one_line
 from stages.ingest.restricted_pickle import load_arrays
 
 _STATE = re.compile(r"state_([0-9]+)\.pkl")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import re
 import zlib
@@ -17,16 +18,22 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import visible_entries
+from stages.ingest.listing import is_file, is_folder, visible_entries
+from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
-from stages.ingest.point_formats import map_array
-from stages.ingest.readers import Frame, frame_files, read_frames
+from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES
+from stages.ingest.readers import Frame, axes, check_every, frame_files, frame_folders, read_frames
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.truth import read_truth, truth_files
 
 if TYPE_CHECKING:
     from stages.ingest.roboart import Description
 
+_log = logging.getLogger("rearticulate.ingest")
+
+_MANY_FRAMES = 200
+_ENOUGH_FRAMES = 50
+_SECONDS_PER_FRAME = 2.8  # measured for 4096 points on two cores
 _TRUTH_NAME = "ground_truth.npz"
 _FRAMES_NAME = "frames"
 
@@ -58,21 +65,24 @@ class FileSource:
 
         What is missing or wrong is left to `load` to report. Raises InputError for an unreadable file.
         """
-        frames = frame_files(self.frames_path) if self.frames_path.is_dir() else [self.frames_path]
+        frames = frame_files(self.frames_path) if is_folder(self.frames_path) else [self.frames_path]
         truth = truth_files(self.truth_path) if self.truth_path else []
         total = hashlib.sha256()
         for role, files in (("frame", frames), ("truth", truth)):
-            for file in filter(Path.is_file, files):
+            for file in filter(is_file, files):
                 total.update(role.encode() + os.fsencode(file.name) + b"\0" + _file_digest(file))
         return total.hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The frames as a normalised sequence, with the ground truth that lies beside them."""
-        frames = read_frames(self.frames_path)
-        kept = _every(frames, config.every)
-        sequence = normalise(kept, config, config.units)
         if self.truth_path is None:
-            return IngestedSequence(sequence=sequence)
+            frames = read_frames(self.frames_path, config.every, config.max_points)
+            _hint_at_every(len(frames))
+            return IngestedSequence(sequence=normalise(frames, config, config.units))
+        frames = read_frames(self.frames_path, 1, config.max_points)  # all, since the truth is of all
+        kept = _every(frames, config.every)
+        _hint_at_every(len(kept))
+        sequence = normalise(kept, config, config.units)
         truth = read_truth(self.truth_path, [len(frame.points) for frame in frames]).every(config.every)
         return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, kept, sequence))
 
@@ -137,13 +147,20 @@ class UrdfSource(DescribedSource):
 
 def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
     """Every `step`-th frame, from the first on. Raises InputError where that leaves only one of several."""
-    kept = frames[::step]
-    if len(kept) < 2 <= len(frames):
-        raise InputError(
-            f"ingest.every: found {step}, which leaves one frame of {len(frames)}, expected two; "
-            f"give at most {len(frames) - 1}"
+    check_every(len(frames), step)
+    return frames[::step]
+
+
+def _hint_at_every(count: int) -> None:
+    """Say, where there are many frames, that not all of them are needed."""
+    if count > _MANY_FRAMES:
+        _log.warning(
+            "%d frames take about %d minutes or more; a few dozen do as well: --set ingest.every=%d takes every %d-th",
+            count,
+            round(count * _SECONDS_PER_FRAME / 60),
+            count // _ENOUGH_FRAMES,
+            count // _ENOUGH_FRAMES,
         )
-    return kept
 
 
 def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
@@ -163,16 +180,20 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
             f"ingest.source: found {config.source!r} without a folder of {expected}, expected one; "
             "give --data FOLDER (make: DATA=FOLDER)"
         )
-    if not data.exists():
+    if not is_file(data) and not is_folder(data):
         raise InputError(f"{data}: found neither a file nor a folder there, expected {expected}; check the path")
     if config.source == "urdf":
         return _urdf_sources(config.roboart.sequences_per_robot, data)
-    if data.is_file() or _is_sequence(data):
+    if is_file(data) or _is_sequence(data, certainly=True):
         return [file_source(data)]
     found = [file_source(entry) for entry in visible_entries(data) if _is_sequence(entry)]
+    if not any(_holds_many(source.frames_path) for source in found) and (folders := frame_folders(data)):
+        raise InputError(f"{data}: {folders}")
+    if not found and _is_sequence(data):
+        return [file_source(data)]
     if not found:
         raise InputError(
-            f"{data}: found no sequence, expected sub-folders with .ply, .pcd, .xyz or .npy frames, "
+            f"{data}: found no sequence, expected sub-folders with .ply, .pcd, .xyz, .txt, .csv, .pts or .npy frames, "
             "or .npy or .npz files of shape (frames, points, 3); check the path"
         )
     by_name: dict[str, FileSource] = {}
@@ -224,40 +245,35 @@ def file_source(path: Path) -> FileSource:
     RoboArt's pickles. Nothing is read; a path without frames is reported when it is.
     """
     folder = path.resolve()
-    if not folder.is_dir():
+    if not is_folder(folder):
         return FileSource(_safe_name(folder.stem), path)
     frames, sequence = path, folder
     if folder.name == _FRAMES_NAME:
         sequence = folder.parent
     elif _holds_frames(path / _FRAMES_NAME):
         frames = path / _FRAMES_NAME
-    truth = next((file for file in (frames / _TRUTH_NAME, sequence / _TRUTH_NAME) if file.is_file()), None)
+    truth = next((file for file in (frames / _TRUTH_NAME, sequence / _TRUTH_NAME) if is_file(file)), None)
     if truth is None and has_transforms(frames):
         truth = frames
     return FileSource(_safe_name(sequence.name), frames, truth)
 
 
-def _is_sequence(path: Path) -> bool:
-    if path.is_dir():
-        return _holds_frames(path) or _holds_frames(path / _FRAMES_NAME)
-    return path.name != _TRUTH_NAME and _axes(path) == 3
+def _is_sequence(path: Path, certainly: bool = False) -> bool:
+    if is_folder(path):
+        return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME)
+    return path.name != _TRUTH_NAME and axes(path) == 3
 
 
-def _holds_frames(folder: Path) -> bool:
-    return folder.is_dir() and any(_axes(file) == 2 for file in frame_files(folder))
+def _holds_frames(folder: Path, certainly: bool = False) -> bool:
+    """Whether a folder holds frames; one table alone may be anything, and `certainly` not even several are frames."""
+    files = frame_files(folder) if is_folder(folder) else []
+    if files and files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
+        return len(files) > 1 and not certainly
+    return any(axes(file) == 2 for file in files)
 
 
-def _axes(path: Path) -> int:
-    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header."""
-    match path.suffix.lower():
-        case ".npz":
-            return 3
-        case ".npy":
-            try:
-                return map_array(path).ndim
-            except (ValueError, OSError):
-                return 2  # reading it as a frame tells what is wrong
-    return 2
+def _holds_many(path: Path) -> bool:
+    return not is_folder(path) or len(frame_files(path)) > 1
 
 
 def _safe_name(name: str) -> str:
@@ -270,4 +286,4 @@ def _file_digest(path: Path) -> bytes:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").digest()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+        raise unreadable(path, error) from error

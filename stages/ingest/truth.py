@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -13,8 +13,9 @@ from pydantic import BaseModel, Field, ValidationError
 
 from schemas.errors import InputError
 from schemas.sequence import TrueJoint
-from stages.ingest.point_formats import one_line
-from stages.ingest.readers import load_npz
+from stages.ingest.formats.arrays import load_npz
+from stages.ingest.listing import is_file, is_folder
+from stages.ingest.messages import unreadable
 from stages.ingest.roboart_pickles import pickles, read_transforms
 
 _RIGID_TOLERANCE = 1e-3  # files in single precision pass, a scaled or sheared transform does not
@@ -44,9 +45,12 @@ class RawTruth:
 
 def truth_files(path: Path) -> list[Path]:
     """The files that `read_truth` reads for `path`, for a digest."""
-    if path.is_dir():
+    if is_folder(path):
         return pickles(path)
-    return [file for file in (path, path.with_suffix(".json")) if file.is_file()]
+    return [file for file in (path, path.with_suffix(".json")) if is_file(file)]
+
+
+_OTHER_NUMBERS = 100_000_000  # in the transforms of a file
 
 
 def read_truth(path: Path, point_counts: Sequence[int]) -> RawTruth:
@@ -60,7 +64,7 @@ def read_truth(path: Path, point_counts: Sequence[int]) -> RawTruth:
     novel_pose_J.pkl the transforms from the first frame by part; they tell no tree. Raises InputError for
     files that are damaged or do not fit each other.
     """
-    truth = _read_pickles(path) if path.is_dir() else _read_npz(path, point_counts)
+    truth = _read_pickles(path) if is_folder(path) else _read_npz(path, point_counts)
     check_truth(truth, point_counts, str(path))
     return truth
 
@@ -127,17 +131,21 @@ def _check_joint(joint: TrueJoint, frames: int, parts: int, where: str) -> None:
         raise InputError(f"{where}: expected finite numbers and an axis of unit length; correct it")
 
 
+_Part = Annotated[int, Field(ge=-(2**31), lt=2**31)]  # `check_truth` asks which there are
+
+
 class _TreeFile(BaseModel):
     """ground_truth.json; keys beyond these are ignored."""
 
-    root: int
-    edges_child_parent: list[tuple[int, int]]
+    root: _Part
+    edges_child_parent: list[tuple[_Part, _Part]]
     links: dict[int, list[str]] = Field(default_factory=dict)
     joints: tuple[TrueJoint, ...] = ()
 
 
 def _read_npz(path: Path, point_counts: Sequence[int]) -> RawTruth:
-    arrays = load_npz(path)
+    most_bytes = 8 * (2 * sum(point_counts) + _OTHER_NUMBERS)
+    arrays = load_npz(path, ("labels", "poses", "novel_poses"), most_bytes)
     labels = _array(arrays, "labels", "iu", path).astype(np.int64)
     Ts = _array(arrays, "poses", "fiu", path).astype(np.float64)
     if labels.ndim not in (1, 2) or labels.size != sum(point_counts):
@@ -171,7 +179,7 @@ def _array(arrays: dict[str, np.ndarray], name: str, kinds: str, path: Path) -> 
 
 
 def _read_tree(path: Path) -> _TreeFile | None:
-    if not path.is_file():
+    if not is_file(path):
         return None
     try:
         return _TreeFile.model_validate_json(path.read_bytes())
@@ -180,7 +188,7 @@ def _read_tree(path: Path) -> _TreeFile | None:
         field = ".".join(str(key) for key in first["loc"]) or "the file"
         raise InputError(f"{path}: {field}: {first['msg']}; expected root, edges_child_parent and links") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({one_line(error)}); check its permissions") from error
+        raise unreadable(path, error) from error
 
 
 def _parents(tree: _TreeFile | None, parts: int, where: str) -> Int64[np.ndarray, "parts"]:

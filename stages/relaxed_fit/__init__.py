@@ -14,7 +14,7 @@ from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.progress import Progress, silent
-from stages.registry import resolve
+from stages.registry import blaming, resolve
 from stages.relaxed_fit.alternating import solve_alternating
 from stages.relaxed_fit.gumbel import solve_gumbel
 
@@ -36,7 +36,12 @@ def fit_relaxed(
     Raises InputError for an unknown solver, ValueError where a user's own returns a model of another shape.
     """
     solver = resolve("relaxed_fit.solver", config.solver, SOLVERS)
-    model = solver(sequence, flow, canonical_frame, config, rng, progress)
+    with blaming("relaxed_fit.solver", config.solver):
+        model = solver(sequence, flow, canonical_frame, config, rng, progress)
+    if not isinstance(model, RelaxedModel):
+        raise ValueError(
+            f"relaxed_fit.solver {config.solver!r}: found a {type(model).__name__}, expected a RelaxedModel"
+        )
     points = int(sequence.point_counts[canonical_frame])
     if model.canonical_frame != canonical_frame:
         raise ValueError(

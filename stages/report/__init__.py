@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import json
 from collections.abc import Sequence
 from html import escape
@@ -21,6 +20,7 @@ from schemas.robot import Robot
 from schemas.sequence import LENGTH_SYMBOLS, IngestedSequence, PointSequence
 from stages.figure import counted, draw
 from stages.kernels.colours import colours_of_true_parts
+from stages.pictures import picture_bytes
 from stages.report.drawings import curves_svg, heat_svg, tree_svg
 from stages.report.residuals import part_residuals, sampling_floor
 from stages.report.scene import scene_data
@@ -42,10 +42,9 @@ def report_files(
     sequence = ingested.sequence
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     labels_true = ingested.true_labels(result.model.canonical_frame)
-    picture = io.BytesIO()
-    draw(result, ingested).savefig(picture, format="png", dpi=90, metadata={"Software": None})
+    picture = picture_bytes(draw(result, ingested), "png", dpi=90)
     page = report_page(name, result, frames, report, robot, metrics, labels_true)
-    return {"report.html": page.encode(), "report.png": picture.getvalue()}
+    return {"report.html": page.encode(), "report.png": picture}
 
 
 def report_page(
@@ -72,6 +71,7 @@ def report_page(
         name=escape(name),
         facts=escape(_facts(model)),
         headline=headline(model, metrics),
+        remarks="".join(f'<p class="remark">{escape(remark)}</p>' for remark in (robot.remarks if robot else ())),
         modes="".join(_mode(mode) for mode in MODES if there[mode]),
         last_frame=model.frames - 1,
         canonical=model.canonical_frame,

@@ -87,8 +87,10 @@ def part_meshes(robot: Robot) -> list[Mesh]:
     share = min(1.0, MOST_TRIANGLES / max(total, 1))
     for entry, vertices, triangles in robot.geometry():
         if entry.role == "visual":
-            placed = Mesh((vertices + robot.links[entry.link].origin) / robot.metres_per_unit, triangles)
-            found[entry.link] = placed if share == 1 else decimated(placed, int(share * entry.triangles))
+            mesh = Mesh(vertices, triangles)  # coarsened where it is near its origin, which keeps its digits
+            mesh = mesh if share == 1 else decimated(mesh, int(share * entry.triangles))
+            place = np.array(robot.links[entry.link].origin)
+            found[entry.link] = Mesh((mesh.vertices + place) / robot.metres_per_unit, mesh.triangles)
     return found
 
 

@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")  # no screen is needed, nor looked for
-
 import numpy as np
-from matplotlib.figure import Figure
 
 from schemas.training import Measurement, Step
+from stages.pictures import Figure, picture_bytes
 
 SMOOTHED = 50  # steps that a point of the loss curve is the mean of, at most
 
@@ -36,4 +32,4 @@ def draw_curve(steps: Sequence[Step], measurements: Sequence[Measurement], path:
         right.plot(at, [100 * getattr(measurement, name) for measurement in measurements], style, label=label)
     right.set(xlabel="step", ylabel="%", ylim=(0, 100), title="validation")
     right.legend(frameon=False)
-    figure.savefig(path, dpi=110)
+    path.write_bytes(picture_bytes(figure, "png", dpi=110))

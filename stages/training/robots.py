@@ -18,7 +18,7 @@ def robot_shape(name: str, assets: Path | None = None) -> PosableShape:
     Raises InputError as `robot_description`, or for a description that cannot be used.
     """
     found = robot_description(name, assets)
-    articulated = ArticulatedRobot.read(found.urdf_path, found.mesh_dirs, RoboartConfig().min_part_share)
+    articulated = ArticulatedRobot.read(found.urdf_path, found.mesh_dirs, RoboartConfig())
     drives = articulated.drives
 
     def poses(positions: np.ndarray) -> Poses:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from torch.utils.data import Dataset
 
 from schemas.config import TrainFlowConfig
 from schemas.errors import InputError, UnavailableError
@@ -20,7 +19,7 @@ logger = logging.getLogger(__name__)
 TRAINING, VALIDATION = 0, 1  # streams of random numbers
 
 
-class PairSource(Dataset[Pair]):
+class PairSource:
     """Training pairs by number; number i is the same in every process and run.
 
     Robots are read when the first pair is asked for, so that a worker process can be sent this.

@@ -5,6 +5,7 @@ import signal
 import numpy as np
 import pytest
 
+from pipeline.delivery import check_delivery
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile
 
@@ -46,8 +47,9 @@ def test_what_was_killed_and_resumed_is_what_an_undisturbed_run_makes(finished, 
 
 def test_fit_writes_the_contracts_files(fitted):
     out = fitted.folder / "out"
-    description = ["meshes", "metrics.json", "model.json", "model.npz", "report.html", "robot.urdf", "robot.xml"]
-    assert sorted(path.name for path in out.iterdir()) == [*description, "workdir"]
+    files = ["metrics.json", "model.json", "model.npz", "report.html", "robot.urdf", "robot.xml"]
+    assert sorted(path.name for path in out.iterdir()) == ["delivered.json", "meshes", *files, "workdir"]
+    assert check_delivery(out) == []
     model = ModelFile.model_validate_json((out / "model.json").read_bytes())
     meshes = {f"part_{part.id}{role}.stl" for part in model.parts for role in ("", "_collision")}
     assert {path.name for path in (out / "meshes").iterdir()} == meshes
@@ -60,7 +62,9 @@ def test_fit_writes_the_contracts_files(fitted):
         assert arrays["T_frame_canonical"].shape == (3, len(model.parts), 4, 4)
         assert np.array_equal(np.bincount(arrays["labels"]), [part.point_count for part in model.parts])
     assert Metrics.model_validate_json((out / "metrics.json").read_bytes()).parts_true == 2
-    assert "written" in fitted.outcome.stdout
+    written = fitted.outcome.stdout.partition("written in ")[2]
+    named = written.partition(": ")[2].replace(",", "").split()
+    assert sorted(named) == sorted(f"out/{name}" for name in ("meshes/", "delivered.json", *files))
 
 
 def test_a_killed_stage_is_reported_with_its_log_and_a_warning_is_shown(fresh):

@@ -161,3 +161,41 @@ def test_a_request_that_cannot_be_met_is_one_line_and_exit_code_2(finished, word
     [error] = outcome.stderr.splitlines()
     assert error.startswith("error: ")
     assert complaint in error
+
+
+def test_a_damaged_evaluation_or_result_is_named_and_its_page_stays(copy):
+    page = copy.workdir / "scans" / "evaluation" / "sequences" / "box.html"
+    (artifact(copy, "evaluation") / "manifest.json").write_text("{")
+    (artifact(copy, "result") / "model.json").unlink()
+    outcome = copy.reart(*RUN, "--sequences", "box")
+    assert outcome.returncode == 1
+    assert [word in outcome.stderr for word in ("evaluation-", "model.json: missing")] == [True, True]
+    assert len(outcome.stderr.splitlines()) == 2
+    assert page.exists()
+    checked = copy.reart(*STATUS, "--check", "--json")
+    assert checked.returncode == 1
+    states = {task["task"]: task["state"] for task in json.loads(checked.stdout) if task["sequence"] == "box"}
+    assert {name for name, state in states.items() if state == "corrupt"} == {"result", "evaluation"}
+
+
+def test_an_artifact_that_cannot_be_looked_into_fails_its_sequence_only(copy):
+    shutil.copytree(copy.folder / "data" / "box", copy.folder / "data" / "crate")
+    result = artifact(copy, "result")
+    shutil.rmtree(result)
+    result.symlink_to(result.name)
+    outcome = copy.reart(*RUN, "--sequences", "box,crate")
+    assert outcome.returncode == 1
+    [error] = outcome.stderr.splitlines()
+    assert "Too many levels of symbolic links" in error
+    assert "crate" in outcome.stdout.split("sequence")[-1]
+    assert "Traceback" not in copy.reart(*STATUS).stderr
+
+
+def test_an_input_that_goes_while_the_rest_is_computed_is_evaluated_all_the_same(fresh):
+    (fresh.folder / "mine.py").write_text(
+        "import shutil\nfrom stages.flow.geometric import estimate_geometric as flow\n"
+        "def hungry(*args):\n    shutil.rmtree('data', ignore_errors=True)\n    return flow(*args)\n"
+    )
+    outcome = fresh.reart(*RUN, "--sequences", "box", "--set", "flow.estimator=mine:hungry")
+    assert (outcome.returncode, outcome.stderr) == (0, "")
+    assert "1 of 1 sequences evaluated" in (fresh.workdir / "scans" / "evaluation" / "evaluation.md").read_text()

@@ -25,6 +25,7 @@ from schemas.config import PipelineConfig
 from schemas.errors import InputError, UnavailableError
 from schemas.manifest import Provenance
 from stages.ingest.sources import RoboartSource
+from stages.result import result_files
 
 
 class Numbers(Artifact):
@@ -151,7 +152,10 @@ class EvaluatedRobots:
             "evaluation": self.samples["metrics"].replace(parts_true=4, **figures),
             "report": self.samples["report"],
         }
-        files = {"report": {"report.html": f"<p>{robot}".encode(), "report.png": b"\x89PNG"}}
+        files = {
+            "report": {"report.html": f"<p>{robot}".encode(), "report.png": b"\x89PNG"},
+            "result": result_files(artifacts["result"]),
+        }
         for task in upstream_first(final_tasks(self.job(robot))):
             provenance = Provenance(
                 stage=task.stage,

@@ -1,7 +1,10 @@
+import sys
+
 import pytest
 
 from pipeline.plugins import _resolve, own_code, own_weights
 from pipeline.presets import load_config
+from schemas.errors import InputError
 
 
 class Answers(list):
@@ -27,6 +30,15 @@ def ask(tmp_path, monkeypatch):
 def test_our_own_and_the_users_functions_are_found(ask):
     assert ask("flow.estimator=geometric") is None
     assert ask("relaxed_fit.solver=mine:solve") is None
+
+
+@pytest.mark.parametrize(
+    "text", ["def solve(:", "raise RuntimeError('two\\nlines')", "raise SystemExit(3)", "import no_such_module"]
+)
+def test_whatever_goes_wrong_in_the_users_module_is_told_by_its_setting(ask, tmp_path, text):
+    (tmp_path / "broken.py").write_text(text)
+    sys.modules.pop("broken", None)
+    assert ask("flow.estimator=broken:solve").startswith("flow.estimator: cannot import 'broken:solve' (")
 
 
 @pytest.mark.parametrize("name", ["geometrik", "mine:nothing", "nowhere:solve", "mine:number"])
@@ -66,3 +78,15 @@ def test_the_digest_of_ones_own_code_follows_its_file_and_runs_nothing(tmp_path,
     assert before[0] != after[0]
     assert before[1:] == after[1:]
     assert [own_code(name) for name in ("geometric", "nowhere:solve", "sys:path", "single.deeper:solve")] == [{}] * 4
+
+
+def test_weights_that_cannot_be_read_are_refused_by_name(tmp_path, monkeypatch):
+    path = tmp_path / "weights.safetensors"
+    path.write_bytes(b"one")
+
+    def refuse(*args):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.open", refuse)
+    with pytest.raises(InputError, match=r"weights\.safetensors: cannot be read \(Permission denied\)"):
+        own_weights(path)

@@ -68,6 +68,13 @@ def test_targets_are_read_alike_from_every_format(tmp_path, suffix):
         ("t.json", '{"source": [], "target": []}', "found 0 source points"),
         ("t.json", '{"source": [[1, 2, 3]], "target": [[1, 2, 3], [1, 2, 3]]}', "found 1 source points and 2 targets"),
         ("t.json", '{"source": [[1, 2, NaN]], "target": [[1, 2, 3]]}', "row 1: found NaN"),
+        ("t.json", "[" * 900 + "]" * 900, "found .{1,40}, expected an object"),
+        ("t.json", "[" * 100_000, "cannot be read as JSON"),
+        ("t.json", '{"source": ' + "[" * 900 + "]" * 900 + ', "target": []}', "source: found"),
+        ("t.json", '{"source": [[1' + "0" * 5000 + ', 2, 3]], "target": [[1, 2, 3]]}', "cannot be read as JSON"),
+        ("t.json", '{"source": [[1' + "0" * 400 + ', 2, 3]], "target": [[1, 2, 3]]}', "source: found values that are"),
+        ("t.json", '{"source": [], "source": [], "target": []}', "found 'source' a second time"),
+        ("t.json", '{"' + "a" * 10_000 + '": 1}', "found a{80}, expected source and target"),
         ("t.npz", b"none", "cannot be read as .npz"),
         ("t.npz", {"points": SOURCE}, "found points, expected source and target"),
         ("t.npz", {"source": np.array([object()]), "target": TARGET}, "cannot be read as .npz"),
@@ -85,6 +92,7 @@ def test_targets_that_cannot_be_used_are_one_line(tmp_path, name, content, compl
         read_targets(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400 + len(str(path))
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -121,6 +129,16 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
     np.testing.assert_allclose(read_points(written(tmp_path, "posed.ply", files["posed.ply"])), TARGET, rtol=1e-6)
 
 
+def test_posed_points_far_away_keep_their_digits(tmp_path):
+    p = np.random.default_rng(0).uniform(size=(500, 3)) + [694386.212, 5155487.512, 381.036]
+    pose = Pose(model_digest=MODEL.digest, units="metre", states={}, T_pose_root=STILL)
+    for points, kind in ((p, b"double"), (p - p.mean(axis=0), b"float")):
+        ply = pose_files(pose, points, np.zeros(500, dtype=np.int64))["posed.ply"]
+        assert b"property " + kind + b" x\n" in ply
+        read = read_points(written(tmp_path, "posed.ply", ply))
+        np.testing.assert_allclose(read, points, rtol=0, atol=1e-4 if kind == b"float" else 0)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "complaint"),
     [
@@ -138,6 +156,16 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
         ("s.json", '{"hinge": -1e16}', "hinge: found .*, expected finite numbers up to 1e"),
         ("s.json", '{"hinge": null}', "hinge: found .*, expected a number"),
         ("s.json", '{"hinge": 1, "hinge": 2}', "found 'hinge' a second time"),
+        ("s.json", '{"hinge": ' + "[" * 900 + "]" * 900 + "}", "hinge: found .{1,40}, expected a number"),
+        ("s.json", "[" * 900 + "]" * 900, "found .{1,40}, expected an object"),
+        ("s.json", "[" * 100_000, "cannot be read as JSON"),
+        ("s.json", '{"hinge": 1' + "0" * 5000 + "}", "cannot be read as JSON"),
+        ("s.json", '{"\\u001b[31m": "red"}', r"s\.json: '\\x1b\[31m': found .'red'., expected a number"),
+        ("s.json", '{"hinge": "' + "a" * 10_000 + '"}', "hinge: found .{1,40}, expected a number"),
+        ("s.json", '{"format": ' + "[" * 900 + "]" * 900 + "}", "recursion limit exceeded"),
+        ("s.json", '{"format": "rearticulate/pose", "states": {"hinge": 1' + "0" * 400 + "}}", ": .*pose it anew"),
+        ("s.json", '{"format": "rearticulate/pose", "T_pose_root": [[1e400, 0, 0, 0]]}', ": .*pose it anew"),
+        ("s.csv", "name,value\n" + "x" * 200_000 + ",1\n", "cannot be read as CSV"),
         ("s.json", '{"format": "rearticulate/pose", "version": 2}', "version: .*expected a pose of version 1"),
     ],
 )
@@ -147,6 +175,7 @@ def test_states_that_cannot_be_used_are_one_line(tmp_path, name, content, compla
         read_states(path, MODEL)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400 + len(str(path))
 
 
 def test_a_pose_whose_base_is_no_rigid_motion_is_refused(tmp_path):

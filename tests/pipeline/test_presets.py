@@ -1,7 +1,9 @@
+import math
+
 import pytest
 
-from pipeline.presets import DATASETS, load_config, preset_names
-from schemas.config import PipelineConfig
+from pipeline.presets import DATASETS, FOLDER, _settings, load_config, load_settings, preset_names
+from schemas.config import PipelineConfig, TrainFlowConfig
 from schemas.errors import InputError
 
 
@@ -87,13 +89,54 @@ def test_an_unknown_setting_is_refused_with_the_nearest_known(override, suggesti
         "final_fit.reach=0",
         "final_fit.reach=inf",
         "merging.threshold=nan",
-        "ingest.units=meter",
+        "ingest.units=inch",
         "relaxed_fit.gumbel=5",
         "flow.geometric.stiffness=[1, nan]",
+        "flow.geometric.stiffness=[]",
+        "flow.geometric.stiffness=[-1]",
+        "flow.geometric.max_distance=1e400",
+        "flow.geometric.max_distance=1e300",
+        "flow.geometric.max_distance=1e-300",
+        "flow.estimator=:",
+        "flow.estimator=a:",
+        "flow.estimator=:b",
+        "flow.estimator=..",
+        "flow.estimator=a b:c",
+        "flow.estimator=a..b:c",
+        "relaxed_fit.solver=../solver.py:solve",
+        "relaxed_fit.alternating.points=1000000000000",
+        "final_fit.part_price=nan",
+        "final_fit.part_price=-inf",
+        "canonical_frame.candidates=100000",
+        "canonical_frame.frames=[-1]",
+        "canonical_frame.frames=[2, 2]",
+        "ingest.roboart.frames=1000000000",
+        "ingest.roboart={frames=10000, points=1000000}",
+        "ingest.roboart.sweep_degrees=[90, 40]",
+        "ingest.roboart.sweep_degrees=[0, 40]",
+        "ingest.roboart.sweep_degrees=[40, 9000]",
+        "seed=99999999999999999999",
+        f"seed={'9' * 5000}",
+        f"final_fit.points={'[' * 5000}",
+        f"{'seed.' * 5000}a=1",
     ],
 )
 def test_a_bad_value_is_refused_and_its_setting_named(override):
-    assert override.split("=")[0].split(".")[0] in refusal([], [override])
+    message = refusal([], [override])
+    assert override.split("=")[0].split(".")[0] in message
+    assert len(message) < 500
+
+
+def test_every_number_of_every_setting_has_bounds():
+    for schema in (PipelineConfig, TrainFlowConfig):
+        for name, value in _settings(schema()):
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, int | float) and not isinstance(number, bool):
+                    bad = (10**19,) if isinstance(number, int) else (1e300, math.nan, math.inf, -math.inf)
+                    for one in bad:
+                        given = f"[{one}]" if isinstance(value, tuple) else one
+                        with pytest.raises(InputError):
+                            load_settings(schema, FOLDER, [], [f"{name}={given}"])
 
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, float("nan"), float("inf"), "x"])
@@ -125,6 +168,7 @@ def test_a_preset_may_be_a_file(tmp_path):
     assert load_config(["scans", str(path)]).final_fit.iterations == 9
     path.write_text("[final_fit]\niteration = 9\n")
     assert "final_fit.iterations" in refusal([str(path)])
-    path.write_text("[final_fit\n")
-    assert "not TOML" in refusal([str(path)])
+    for text in ("[final_fit\n", f"seed = {'[' * 5000}", f"seed = {'9' * 5000}"):
+        path.write_text(text)
+        assert "not TOML" in refusal([str(path)])
     assert "cannot be read" in refusal([str(tmp_path / "none.toml")])

@@ -347,6 +347,13 @@ def test_a_sweep_spares_a_living_writer_of_another_process(tmp_path, place):
         assert not staged.exists()
 
 
+def test_a_sweep_removes_what_killed_writers_of_records_left(stored):
+    partial = stored.with_name(".0123456789ab.reart-partial")
+    partial.write_text("half")
+    store.sweep(stored.parents[2])
+    assert not partial.exists()
+
+
 def test_a_sweep_touches_nothing_else(stored):
     kept = [stored.parent / "flow-0123456789abcdef.log", stored.parent / ".hidden"]
     for path in kept:

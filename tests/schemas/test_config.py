@@ -1,7 +1,7 @@
 import pytest
 from pydantic import ValidationError
 
-from schemas.config import PipelineConfig
+from schemas.config import IngestConfig, PipelineConfig
 
 
 def test_the_configuration_survives_json():
@@ -38,3 +38,23 @@ def test_a_configuration_cannot_be_changed():
 def test_settings_out_of_range_are_refused(values):
     with pytest.raises(ValidationError):
         PipelineConfig.model_validate(values)
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        (["metre", "m", "meters", "meter", "Metres", " M "], "metre"),
+        (["centimetre", "cm", "centimeters", "CM"], "centimetre"),
+        (["millimetre", "mm", "millimeters", "millimetres"], "millimetre"),
+        (["unknown"], "unknown"),
+    ],
+)
+def test_a_unit_may_be_named_as_people_do(names: list[str], unit: str) -> None:
+    for name in names:
+        assert IngestConfig.model_validate({"units": name}).units == unit
+
+
+@pytest.mark.parametrize("name", ["inch", "s", "", "mms", "ms", 1, None, "input units"])
+def test_other_units_are_refused_with_those_that_there_are(name: object) -> None:
+    with pytest.raises(ValidationError, match="'metre', 'centimetre', 'millimetre' or 'unknown'"):
+        IngestConfig.model_validate({"units": name})

@@ -3,7 +3,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from schemas.model_file import ModelFile
+from schemas.model_file import ModelFile, ModelPart
 
 
 def test_model_json_survives_and_keeps_its_contract(samples):
@@ -13,7 +13,8 @@ def test_model_json_survives_and_keeps_its_contract(samples):
     content = json.loads(text)
     assert (content["format"], content["version"]) == ("rearticulate/model", 1)
     assert list(content) == [
-        "format", "version", "units", "frames", "canonical_frame", "root", "parts", "joints",
+        "format", "version", "json_sha256", "npz_sha256", "units", "frames", "canonical_frame", "root",
+        "parts", "joints",
     ]  # fmt: skip
     assert list(content["parts"][0]) == ["id", "name", "point_count"]
     assert list(content["joints"][0]) == [
@@ -33,7 +34,7 @@ def test_confidence_is_optional_and_between_none_and_all(samples):
 
 
 @pytest.mark.parametrize(
-    "change", [{"version": 2}, {"format": "other"}, {"frames": 0}, {"units": "inch"}, {"extra": 1}]
+    "change", [{"version": 3}, {"format": "other"}, {"frames": 0}, {"units": "inch"}, {"extra": 1}]
 )
 def test_other_formats_are_refused(samples, change):
     content = json.loads(samples["result"].model.model_dump_json())
@@ -137,3 +138,8 @@ def test_a_digest_tells_models_apart():
     models[2]["joints"][0]["upper"] = 2
     same, again, other = (ModelFile.model_validate(model).digest for model in models)
     assert same == again != other
+
+
+def test_a_part_has_no_fewer_points_than_none():
+    with pytest.raises(ValidationError, match="greater than or equal to 0"):
+        ModelPart(id=0, name="part_0", point_count=-5)

@@ -1,21 +1,26 @@
-"""A tiny two-part object whose answer is known: a box with a lid that turns, or a drawer that slides."""
+"""A tiny two-part object whose answer is known: a box with a lid that turns, or a drawer that slides; and its fit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 import torch
 
 from schemas.flow import Flow
+from schemas.kinematic import KinematicModel
+from schemas.model_file import Result
 from schemas.sequence import PointSequence
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.screw import screw_transform
+from stages.result import to_result
 
 FRAMES, POINTS = 5, 400
 STATES = np.array([-0.5, -0.25, 0.0, 0.3, 0.6])
 CANONICAL = 2
+AWAY = (694386.212, 5155487.512, 381.036)  # geo-referenced coordinates
 
 
 @dataclass(frozen=True)
@@ -97,3 +102,53 @@ def drawer() -> TwoParts:
 @pytest.fixture(params=["hinge", "drawer"])
 def two_part_object(request: pytest.FixtureRequest) -> TwoParts:
     return request.getfixturevalue(request.param)
+
+
+def fitted(scene: TwoParts, free: bool = False) -> Result:
+    """The true model, standing still or on a moving base."""
+    Ts = scene.Ts_frame_canonical.copy()
+    if free:
+        along = torch.linspace(-0.1, 0.1, scene.sequence.frame_count, dtype=torch.float64)
+        tilt = torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64)
+        Ts = screw_transform(tilt, torch.zeros(3, dtype=torch.float64), 3 * along, along).numpy()[:, None] @ Ts
+    kind = "revolute" if scene.states[:, 0].any() else "prismatic"
+    model = KinematicModel(
+        canonical_frame=CANONICAL,
+        root=0,
+        labels=scene.canonical_labels,
+        Ts_frame_canonical=Ts,
+        joint_parent=np.array([0]),
+        joint_child=np.array([1]),
+        joint_types=(kind,),
+        axis=scene.axis[None],
+        point=scene.point[None],
+        states=scene.states[None],
+        e_spatial=np.zeros(1),
+        e_1dof=np.zeros(1),
+        energies={},
+    )
+    return to_result(model, scene.sequence)
+
+
+def placed(scene: TwoParts, centre: tuple[float, float, float]) -> TwoParts:
+    """The same, half a metre large and elsewhere."""
+    return replace(scene, sequence=scene.sequence.replace(scale=0.5, centre=centre))
+
+
+@pytest.fixture
+def fit_of() -> Callable[..., Result]:
+    return fitted
+
+
+@pytest.fixture(params=["hinge", "drawer", "hinge on a moving base"])
+def near_and_far(request: pytest.FixtureRequest) -> list[tuple[TwoParts, Result]]:
+    """The same object and its fit near the origin, and thousands of kilometres away."""
+    name, _, moving = request.param.partition(" ")
+    scenes = [placed(request.getfixturevalue(name), centre) for centre in ((0.0, 0.0, 0.0), AWAY)]
+    return [(scene, fitted(scene, bool(moving))) for scene in scenes]
+
+
+@pytest.fixture
+def away() -> np.ndarray:
+    """Where the far one lies, seen from the near one."""
+    return np.array(AWAY)

@@ -235,3 +235,25 @@ def test_a_target_out_of_all_reach_is_named_by_its_row(model):
     p_target[5] = 1e300
     with pytest.raises(InputError, match=r"row 4: found the target .* \(and 1 other rows\), expected one within"):
         pose_by_targets(model, p_source, p_target)
+
+
+def test_far_away_states_and_targets_pose_as_near_the_origin(near_and_far, away):
+    (_, near), (_, far) = near_and_far
+    [joint] = near.model.joints
+    states, root = {joint.name: joint.states[-1]}, STILL
+    p_near, p_far = (pose_by_states(result, states, root).points(result) for result in (near, far))
+    np.testing.assert_allclose(p_far - away, p_near, rtol=0, atol=1e-7)  # which 32 bits hold of the near points
+    moved_far = far.T_frame_canonical[-1, far.labels]
+    target = moved(moved_far, far.canonical_points)
+    found = pose_by_targets(far, far.canonical_points[::5], target[::5])
+    assert found.pose.states[joint.name] == pytest.approx(joint.states[-1], abs=1e-6)
+    np.testing.assert_allclose(found.points(far), target, rtol=0, atol=1e-7)
+    again = pose_by_states(far, found.pose.states, np.array(found.pose.T_pose_root), limits=False)
+    np.testing.assert_allclose(again.points(far), target, rtol=0, atol=1e-7)
+
+
+def test_a_point_far_away_is_told_with_all_its_digits(near_and_far):
+    far = near_and_far[1][1]
+    p = far.canonical_points[:1] + [0, 0.5, 0]
+    with pytest.raises(InputError, match=r"source point \(694386\.\d+, 5155487\.\d+, "):
+        pose_by_targets(far, p, p)

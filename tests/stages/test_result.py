@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import zipfile
@@ -81,6 +82,10 @@ def loaded(files: dict[str, bytes]) -> tuple[dict, dict[str, np.ndarray]]:
         return json.loads(files["model.json"]), dict(arrays)
 
 
+def unsealed(model: ModelFile) -> ModelFile:
+    return model.model_copy(update={"json_sha256": None, "npz_sha256": None})
+
+
 def test_forward_kinematics_of_model_json_moves_the_points_as_model_npz_says() -> None:
     description, arrays = loaded(result_files(to_result(model(), sequence())))
     p, labels, Ts = arrays["canonical_points"].astype(np.float64), arrays["labels"], arrays["T_frame_canonical"]
@@ -122,16 +127,21 @@ def test_canonical_points_are_the_input_points_bit_for_bit() -> None:
 
 
 def test_the_header_and_parts_tell_what_the_model_is() -> None:
-    description, _ = loaded(result_files(to_result(model(), sequence())))
+    files = result_files(to_result(model(), sequence()))
+    description, _ = loaded(files)
     header = {key: value for key, value in description.items() if key not in ("parts", "joints")}
     assert header == {
         "format": "rearticulate/model",
         "version": 1,
+        "json_sha256": header["json_sha256"],
+        "npz_sha256": hashlib.sha256(files["model.npz"]).hexdigest(),
         "units": "millimetre",
         "frames": FRAMES,
         "canonical_frame": CANONICAL,
         "root": 2,
     }
+    blank = files["model.json"].replace(header["json_sha256"].encode(), b"0" * 64)
+    assert hashlib.sha256(blank).hexdigest() == header["json_sha256"]
     assert description["parts"] == [
         {"id": part, "name": f"part_{part}", "point_count": count} for part, count in enumerate((11, 11, 10, 10))
     ]
@@ -151,7 +161,8 @@ def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
         assert found["states"] == (fitted.states[joint, :, column] * unit).tolist()
         assert (found["lower"], found["upper"]) == (min(found["states"]), max(found["states"]))
         assert found["axis"] == fitted.axis[joint].tolist()
-        assert np.dot(found["axis"], found["point"]) == pytest.approx(0, abs=1e-9)
+        offset = observed.to_input(fitted.point[joint]) - found["point"]
+        np.testing.assert_allclose(np.cross(found["axis"], offset), 0, atol=1e-9)  # the same axis
 
 
 def test_joints_tell_their_confidence_where_the_fit_does() -> None:
@@ -159,12 +170,14 @@ def test_joints_tell_their_confidence_where_the_fit_does() -> None:
     result = to_result(model().replace(confidence=confidence), sequence())
     description, _ = loaded(result_files(result))
     assert description["joints"][1]["confidence"] == {"part": 0.3, "link": 0.4, "type": 0.5}
-    assert ModelFile.model_validate(description) == result.model
+    assert unsealed(ModelFile.model_validate(description)) == result.model
 
 
 def test_model_json_reads_back_to_the_same_model() -> None:
     result = to_result(model(), sequence())
-    assert ModelFile.model_validate_json(result_files(result)["model.json"]) == result.model
+    read = ModelFile.model_validate_json(result_files(result)["model.json"])
+    assert unsealed(read) == result.model
+    assert read.digest == result.model.digest  # which poses of it name
 
 
 def test_files_are_the_same_bytes_whenever_written() -> None:

@@ -1,7 +1,10 @@
-"""The network's weights on disk: safetensors, which holds arrays and text and can't hold code."""
+"""Tensors on disk: safetensors, which holds arrays and text and can't hold code; same content, same bytes."""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,45 +17,87 @@ from schemas.errors import InputError
 from stages.flow.network.model import FeatureNetwork
 
 FORMAT = "rearticulate flow network 1"
+DIGEST = "digest"  # the note that holds a file's digest; files from before it was written have none
+MOST_MIB = 512
 SHIPPED = Path(__file__).with_name("weights.safetensors")  # other ones need another version of the flow task
 
 
 def weights_file(network: FeatureNetwork, notes: Mapping[str, str]) -> bytes:
     """A file of a network's weights, with notes on how they came about."""
-    return save(network.state_dict(), {"format": FORMAT, **notes})
+    return safetensors_bytes(network.state_dict(), {"format": FORMAT, **notes})
+
+
+def safetensors_bytes(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -> bytes:
+    """A safetensors file of tensors and texts, with a digest of them: whatever their order, the same bytes.
+
+    The library writes the texts in an order that differs from process to process.
+    """
+    ordered = {name: tensors[name].detach().contiguous() for name in sorted(tensors)}
+    content = save(ordered, {**notes, DIGEST: _digest(ordered, notes)})
+    size = int.from_bytes(content[:8], "little")
+    header, data = json.loads(content[8 : 8 + size]), content[8 + size :]
+    texts = header.pop("__metadata__")
+    entries = sorted(header.items(), key=lambda item: (item[1]["data_offsets"], item[0]))
+    text = json.dumps({"__metadata__": dict(sorted(texts.items())), **dict(entries)}, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)  # the data is aligned
+    return len(text).to_bytes(8, "little") + text + data
+
+
+def _digest(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -> str:
+    """SHA-256 (hex) over the tensors' names, kinds, shapes and values, and the texts."""
+    texts = sorted((name, text) for name, text in notes.items() if name != DIGEST)
+    total = hashlib.sha256(json.dumps(texts).encode())
+    for name in sorted(tensors):
+        tensor = tensors[name].detach().cpu().contiguous()
+        total.update(f"{name} {tensor.dtype} {tuple(tensor.shape)} ".encode())
+        total.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return total.hexdigest()
 
 
 def load_network(path: Path = SHIPPED) -> FeatureNetwork:
     """A network with the weights of a file, for use. Raises InputError where these are not weights of this network."""
     tensors, _ = read_safetensors(path, FORMAT)
     network = FeatureNetwork()
-    for name, expected in network.state_dict().items():
-        if name not in tensors:
-            raise InputError(f"{path}: found no {name}, expected weights of the flow network; take another file")
-        if tensors[name].shape != expected.shape:
-            raise InputError(
-                f"{path}: {name}: found shape {tuple(tensors[name].shape)}, expected {tuple(expected.shape)}; "
-                "these are weights of another network"
-            )
-        if not torch.isfinite(tensors[name]).all():
-            raise InputError(f"{path}: {name}: found NaN or infinity, expected finite numbers; take another file")
-    if extra := sorted(tensors.keys() - network.state_dict().keys()):
-        raise InputError(
-            f"{path}: found {extra[0]}, which the flow network has not; these are weights of another network"
-        )
+    check_state(path, tensors, network.state_dict())
     network.load_state_dict(tensors)
     return network.eval()
 
 
+def check_state(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+    """Raises InputError where the tensors of a file are not of the expected names and shapes, and finite."""
+    for name, tensor in expected.items():
+        if name not in tensors:
+            raise InputError(f"{path}: found no {name}, expected weights of the flow network; take another file")
+        found = tensors[name]
+        if found.shape != tensor.shape or found.dtype != tensor.dtype:
+            raise InputError(
+                f"{path}: {name}: found shape {tuple(found.shape)} of {found.dtype}, expected {tuple(tensor.shape)} of "
+                f"{tensor.dtype}; these are weights of another network"
+            )
+        if not torch.isfinite(found).all():
+            raise InputError(f"{path}: {name}: found NaN or infinity, expected finite numbers; take another file")
+    if extra := sorted(tensors.keys() - expected.keys()):
+        raise InputError(
+            f"{path}: found {extra[0]}, which the flow network has not; these are weights of another network"
+        )
+
+
 def read_safetensors(path: Path, expected_format: str) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """The arrays and texts of a safetensors file of one of our formats. Raises InputError for any other file."""
-    if not path.is_file():
+    """The arrays and texts of a safetensors file of one of our formats.
+
+    Raises InputError for any other file, a large one, and one whose content has changed since it was written.
+    """
+    if not os.path.isfile(path):
         raise InputError(f"{path}: found no such file, expected weights (.safetensors); check the path")
     try:
+        if (size := path.stat().st_size) > MOST_MIB * 2**20:
+            raise InputError(f"{path}: found {size / 2**20:.0f} MiB, expected at most {MOST_MIB}; take another file")
         with safe_open(path, framework="pt") as file:
             notes = dict(file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in list(file.keys())}
-    except (SafetensorError, OSError) as error:
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error}); check its permissions") from error
+    except (SafetensorError, ValueError, RuntimeError) as error:
         raise InputError(
             f"{path}: found something else than safetensors ({error}), expected weights as `reart train-flow` writes "
             "them; pickles (.pt, .pth) are not read"
@@ -61,4 +106,6 @@ def read_safetensors(path: Path, expected_format: str) -> tuple[dict[str, Tensor
         raise InputError(
             f"{path}: found format {notes.get('format')!r}, expected {expected_format!r}; take another file"
         )
+    if DIGEST in notes and notes[DIGEST] != _digest(tensors, notes):
+        raise InputError(f"{path}: found content that does not fit its digest: the file is damaged; take another one")
     return tensors, notes

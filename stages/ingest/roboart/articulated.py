@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from schemas.config import RoboartConfig
 from schemas.errors import InputError
 from stages.ingest.roboart.motion import Positions, drive_ranges, follow, movable_joints, rest_positions
 from stages.ingest.roboart.parts import Parts, rigid_parts, top_links
@@ -32,18 +33,18 @@ class ArticulatedRobot:
     rest: Float64[np.ndarray, "joints"]
 
     @classmethod
-    def read(cls, urdf_path: Path, mesh_dirs: Sequence[Path], min_part_share: float) -> Self:
-        """From a URDF; links with less than `min_part_share` of the surface join their parents.
+    def read(cls, urdf_path: Path, mesh_dirs: Sequence[Path], config: RoboartConfig) -> Self:
+        """From a URDF; links with less than `config.min_part_share` of the surface join their parents.
 
-        Raises InputError for a description that cannot be read, lacks a mesh, or has no joint that moves a visible
-        part.
+        Raises InputError for a description that cannot be read, lacks a mesh or has one beyond `config.max_mesh_mib`,
+        or has no joint that moves a visible part.
         """
         robot = read_urdf(urdf_path)
         ranges = drive_ranges(robot)
         movable = movable_joints(robot, ranges)
-        triangles = link_triangles(robot, top_links(robot, movable), urdf_path, mesh_dirs)
+        triangles = link_triangles(robot, top_links(robot, movable), urdf_path, mesh_dirs, config.max_mesh_mib)
         link_area = np.array([areas(piece).sum() for piece in triangles])
-        parts = rigid_parts(robot, link_area, movable, min_part_share)
+        parts = rigid_parts(robot, link_area, movable, config.min_part_share)
         if len(parts.link) < 2:
             raise InputError(
                 f"{urdf_path}: found no joint that moves a visible part, expected at least one; "

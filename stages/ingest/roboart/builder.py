@@ -42,7 +42,7 @@ def build_from_urdf(
     its child by `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read, lacks
     a mesh, or has no joint that moves a visible part.
     """
-    articulated = ArticulatedRobot.read(urdf_path, mesh_dirs, config.min_part_share)
+    articulated = ArticulatedRobot.read(urdf_path, mesh_dirs, config)
     robot, parts, surface = articulated.robot, articulated.parts, articulated.surface
     swept, unseen = joint_motion(articulated, config, rng, sweep)
     Ts_world_part, Ts_world_unseen = (articulated.poses(positions) for positions in (swept, unseen))

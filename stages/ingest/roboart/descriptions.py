@@ -6,6 +6,7 @@ Nothing here loads a mesh, so that digests are cheap.
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path, PurePath
@@ -17,6 +18,7 @@ from stages.ingest.roboart.clones import CloneError, clone_description
 from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
 
 ASSETS_VARIABLE = "REART_ASSETS"
+BLOCK = 2**20  # bytes of a mesh that are held at a time, whatever its size
 FOLDERS_UP = 4  # of a user's URDF that package:// names may start in
 
 
@@ -85,9 +87,10 @@ def description_digest(found: Description) -> str:
     try:
         digest = hashlib.sha256(found.urdf_path.read_bytes())
         for reference in references:
-            mesh = resolve_mesh(reference, found.urdf_path, found.mesh_dirs).read_bytes()
-            digest.update(f"{reference} {len(mesh)} ".encode())
-            digest.update(mesh)
+            with resolve_mesh(reference, found.urdf_path, found.mesh_dirs).open("rb") as mesh:
+                digest.update(f"{reference} {os.fstat(mesh.fileno()).st_size} ".encode())
+                while block := mesh.read(BLOCK):
+                    digest.update(block)
     except OSError as error:
         raise InputError(
             f"{error.filename}: cannot be read ({error.strerror}); check its name and permissions"

@@ -1,18 +1,31 @@
-"""Which mesh files a URDF names, and where they are."""
+"""The XML of a URDF, which mesh files it names, and where they are."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 from schemas.errors import InputError
 
+MOST_URDF_MIB = 64
+
+
+class WithoutDoctype(ElementTree.TreeBuilder):
+    """Builds a tree, but of a document that declares a type: its entities may stand for any amount of text."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise ValueError("found a document type declaration, <!DOCTYPE>, expected none")
+
 
 def read_xml(urdf_path: Path) -> ElementTree.Element:
-    """The root element of a URDF. Raises InputError where it is missing or not well-formed."""
+    """The root element of a URDF. Raises InputError where it is missing, too large or not well-formed."""
     try:
-        return ElementTree.parse(urdf_path).getroot()
+        size = urdf_path.stat().st_size
+        if size > MOST_URDF_MIB * 2**20:
+            raise ValueError(f"found {size / 2**20:.0f} MiB, expected at most {MOST_URDF_MIB}")
+        return ElementTree.parse(urdf_path, ElementTree.XMLParser(target=WithoutDoctype())).getroot()
     except (OSError, ValueError, LookupError, ElementTree.ParseError) as error:  # an encoding may be unknown
         raise InputError(f"{urdf_path}: cannot be read as XML ({error}), expected a URDF file; replace it") from error
 
@@ -34,7 +47,7 @@ def resolve_mesh(reference: str, urdf_path: Path, mesh_dirs: Sequence[Path]) -> 
     else:
         candidates = [urdf_path.parent / (rest if separator else reference)]
     for path in candidates:
-        if path.is_file():
+        if os.path.isfile(path):  # unlike Path.is_file it takes a name that no file can have for one that is not there
             return path
     looked = " or ".join(str(path) for path in candidates) or "no folder, as none was given"
     raise InputError(f"{urdf_path}: mesh {reference!r} not found, looked for {looked}; restore that file")

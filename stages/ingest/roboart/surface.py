@@ -13,9 +13,11 @@ from jaxtyping import Bool, Float64, Int64
 
 from schemas.errors import InputError
 from stages.ingest.roboart.mesh_files import resolve_mesh
-from stages.ingest.roboart.urdf import Robot, Shape, import_extra
+from stages.ingest.roboart.mesh_reading import Triangles, read_mesh
+from stages.ingest.roboart.urdf import Robot, import_extra
+from stages.ingest.roboart.urdf_check import GREATEST
 
-Triangles = Float64[np.ndarray, "triangles 3 3"]
+MOST_TRIANGLES = 20_000_000  # of a whole description: 1.4 GB
 
 
 @dataclass(frozen=True)
@@ -45,71 +47,75 @@ def areas(triangles: Triangles) -> Float64[np.ndarray, "triangles"]:
 
 
 def link_triangles(
-    robot: Robot, top_link: Int64[np.ndarray, "links"], urdf_path: Path, mesh_dirs: Sequence[Path]
+    robot: Robot,
+    top_link: Int64[np.ndarray, "links"],
+    urdf_path: Path,
+    mesh_dirs: Sequence[Path],
+    max_mesh_mib: float,
 ) -> list[Triangles]:
     """Each link's surface in its own frame, from its visual elements.
 
     Links of one `top_link` are rigidly joined. Where none of such a group has a visual, the collision
     elements stand in. (A collision element beside a visual one is a crude double of it: a cylinder
-    round a motor, which nobody would see in a scan.) Raises InputError for a mesh that is missing or
-    cannot be read.
+    round a motor, which nobody would see in a scan.) Raises InputError for a mesh that is missing, larger than
+    `max_mesh_mib` or cannot be read, for a shape without surface, and for more triangles than memory may hold.
     """
+
+    total = 0
 
     @cache
     def mesh(reference: str) -> Triangles:
-        return _read_mesh(resolve_mesh(reference, urdf_path, mesh_dirs))
+        return read_mesh(resolve_mesh(reference, urdf_path, mesh_dirs), reference, urdf_path, max_mesh_mib)
 
-    def triangles(shapes: tuple[Shape, ...]) -> Triangles:
-        pieces = [move(shape.T_link_shape, _shape_triangles(shape.geometry, mesh, urdf_path)) for shape in shapes]
-        return np.concatenate([np.empty((0, 3, 3)), *pieces])
+    def triangles(link: int) -> Triangles:
+        nonlocal total
+        pieces = [np.empty((0, 3, 3))]
+        for shape in robot.visuals[link] if seen[top_link[link]] else robot.collisions[link]:
+            made = _shape_triangles(shape.geometry, mesh, f"{urdf_path}: link {robot.links[link]!r}")
+            pieces.append(move(shape.T_link_shape, made))
+            total += len(made)
+            if total > MOST_TRIANGLES:
+                raise InputError(
+                    f"{urdf_path}: link {robot.links[link]!r}: found more than {MOST_TRIANGLES:,} triangles in all "
+                    "links up to this, expected fewer; simplify the meshes, or name each of them less often"
+                )
+        return np.concatenate(pieces)
 
     seen: Bool[np.ndarray, "links"] = np.zeros(len(robot.links), dtype=bool)
     seen[top_link[[len(shapes) > 0 for shapes in robot.visuals]]] = True
-    return [
-        triangles(robot.visuals[link] if seen[top_link[link]] else robot.collisions[link])
-        for link in range(len(robot.links))
-    ]
+    return [triangles(link) for link in range(len(robot.links))]
 
 
-def _shape_triangles(geometry: Any, mesh: Callable[[str], Triangles], urdf_path: Path) -> Triangles:
+def _shape_triangles(geometry: Any, mesh: Callable[[str], Triangles], where: str) -> Triangles:
+    """A shape's surface in its own frame. Raises InputError where there is none, or none of a thing's size."""
+    name, sizes, made = _made(geometry, mesh)
+    if name != "mesh" and np.min(sizes) < 0:
+        raise InputError(f"{where}: found a <{name}> of size {sizes}, expected none below zero; correct the URDF")
+    if not 0 < areas(made).sum() < np.inf or np.abs(made).max() > GREATEST:
+        raise InputError(
+            f"{where}: found a <{name}> of size {sizes} with no surface or one beyond {GREATEST:g} m, "
+            "expected one that can be seen; correct the URDF"
+        )
+    return made
+
+
+def _made(geometry: Any, mesh: Callable[[str], Triangles]) -> tuple[str, Any, Triangles]:
+    """The shape's element, its sizes (a mesh's scale), and its triangles."""
     creation = import_extra("trimesh.creation")
     if geometry.mesh is not None:
         scale = 1.0 if geometry.mesh.scale is None else geometry.mesh.scale
-        return mesh(geometry.mesh.filename) * scale
+        return "mesh", scale, mesh(geometry.mesh.filename) * scale
     if geometry.box is not None:
+        name, sizes = "box", tuple(geometry.box.size.tolist())
         made = creation.box(geometry.box.size)
     elif geometry.cylinder is not None:
-        made = creation.cylinder(geometry.cylinder.radius, geometry.cylinder.length)
-    elif geometry.sphere is not None:
-        made = creation.icosphere(radius=geometry.sphere.radius)
+        name, sizes = "cylinder", (geometry.cylinder.radius, geometry.cylinder.length)
+        made = creation.cylinder(*sizes)
     else:
-        raise InputError(f"{urdf_path}: found an empty <geometry>, expected mesh, box, cylinder or sphere; correct it")
-    return np.asarray(made.triangles, dtype=np.float64)
-
-
-def _read_mesh(path: Path) -> Triangles:
-    """A mesh file's triangles in metres. A .dae's up-axis is ignored, as in ROS: URDFs count on that."""
-    trimesh = import_extra("trimesh")
-    try:
-        scene = trimesh.load_scene(str(path), skip_materials=True)
-        if path.suffix.lower() == ".dae":
-            scene = scene.convert_units("meters")
-        triangles = np.asarray(scene.to_mesh().triangles, dtype=np.float64)
-    except Exception as error:  # each format's reader has its own errors
-        raise InputError(f"{path}: cannot be read as a mesh ({error!r}); restore that file") from error
-    if len(triangles) == 0 or not np.isfinite(triangles).all():
-        raise InputError(f"{path}: found no triangles or infinite ones, expected a surface mesh; restore that file")
-    return _without_doubles(triangles)
+        name, sizes = "sphere", (geometry.sphere.radius,)
+        made = creation.icosphere(radius=geometry.sphere.radius)
+    return name, sizes, np.asarray(made.triangles, dtype=np.float64)
 
 
 def move(T: Float64[np.ndarray, "4 4"], triangles: Triangles) -> Triangles:
     return triangles @ T[:3, :3].T + T[:3, 3]
-
-
-def _without_doubles(triangles: Triangles) -> Triangles:
-    """Triangles that differ, whatever their winding: two-sided meshes hold each one twice."""
-    corners = triangles.round(7)
-    order = np.lexsort((corners[..., 2], corners[..., 1], corners[..., 0]), axis=-1)
-    corners = np.take_along_axis(corners, order[..., None], axis=1)
-    _, first = np.unique(corners.reshape(-1, 9), axis=0, return_index=True)
-    return triangles[np.sort(first)]

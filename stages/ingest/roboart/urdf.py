@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from schemas.errors import InputError
 from stages.ingest.roboart.mesh_files import read_xml
+from stages.ingest.roboart.urdf_check import check_urdf
 
 JointKind = Literal["fixed", "revolute", "prismatic"]
 
@@ -84,10 +85,10 @@ def import_extra(module: str) -> Any:
 def read_urdf(urdf_path: Path) -> Robot:
     """Read a URDF's links and joints; no mesh is loaded.
 
-    Raises InputError for a file that is not a URDF, whose links form no tree, or whose joints are
-    contradictory.
+    Raises InputError for a file that is not a URDF, whose numbers or names cannot be used, whose links form no tree,
+    or whose joints are contradictory.
     """
-    read_xml(urdf_path)  # yourdfpy mends broken XML silently
+    check_urdf(read_xml(urdf_path), urdf_path)  # yourdfpy mends broken XML, and takes any number and name
     yourdfpy = import_extra("yourdfpy")
     try:
         parsed = yourdfpy.URDF.load(str(urdf_path), build_scene_graph=False, load_meshes=False).robot
@@ -123,20 +124,36 @@ def forward_kinematics(
 
 def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> list[Any]:
     """The joints, depth first from the base: a parent's own joint comes before its children's."""
-    unknown = sorted({name for joint in joints for name in (joint.parent, joint.child)} - set(links))
-    roots = sorted(set(links) - {joint.child for joint in joints})
-    if unknown or len(roots) != 1:
-        found = f"joints of the unknown link {unknown[0]!r}" if unknown else f"{len(roots)} links without a parent"
-        raise InputError(f"{urdf_path}: found {found}, expected one tree of links; correct the URDF")
+    moved_by: dict[str, Any] = {}
+    children: dict[str, list[Any]] = {}
+    for joint in joints:
+        for name in (joint.parent, joint.child):
+            if name not in links:
+                raise _no_tree(urdf_path, f"joint {joint.name!r} of the unknown link {name!r}")
+        if (other := moved_by.setdefault(joint.child, joint)) is not joint:
+            raise _no_tree(
+                urdf_path, f"link {joint.child!r} with two parents, by joints {other.name!r}, {joint.name!r}"
+            )
+        children.setdefault(joint.parent, []).append(joint)
+    roots = [name for name in links if name not in moved_by]
+    if len(roots) != 1:
+        named = f": {', '.join(map(repr, roots[:3]))}{', ...' * (len(roots) > 3)}" if roots else ""
+        raise _no_tree(urdf_path, f"{len(roots)} links without a parent{named}")
     ordered: list[Any] = []
-    front = [joint for joint in joints if joint.parent == roots[0]][::-1]
-    while front and len(ordered) < len(joints):
+    front = children.get(roots[0], [])[::-1]
+    while front:
         joint = front.pop()
         ordered.append(joint)
-        front += [other for other in joints if other.parent == joint.child][::-1]
-    if len({joint.child for joint in ordered}) != len(joints):
-        raise InputError(f"{urdf_path}: found links in a loop or with two parents, expected a tree; correct the URDF")
+        front += children.get(joint.child, [])[::-1]
+    if len(ordered) != len(joints):
+        reached = {roots[0], *(joint.child for joint in ordered)}
+        looped = next(name for name in links if name not in reached)
+        raise _no_tree(urdf_path, f"link {looped!r} in a loop, or hanging on one")
     return ordered
+
+
+def _no_tree(urdf_path: Path, found: str) -> InputError:
+    return InputError(f"{urdf_path}: found {found}, expected one tree of links; correct the URDF")
 
 
 def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]], urdf_path: Path) -> Joint:

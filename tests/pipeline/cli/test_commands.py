@@ -1,6 +1,11 @@
+import functools
+import inspect
 import io
+import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +14,11 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.cli.tables import model_table, screen_table
+from pipeline.cli.train_flow import train_flow
+from pipeline.delivery import deliver
+from pipeline.presets import FOLDER, TRAINING_FOLDER, load_settings
 from pipeline.report_tables import Cell, Row, Table
+from schemas.config import PipelineConfig, TrainFlowConfig
 
 DATA = ("--dataset", "scans", "--data", "data")
 
@@ -72,6 +81,42 @@ def test_every_command_explains_itself_with_an_example(reart, command):
     assert f"reart {command}" in result.stdout.split("Example")[1]
 
 
+README = Path(__file__).parents[3] / "README.md"
+
+
+def examples():
+    """Every setting that a help text or the README gives as an example, with the schema that knows it."""
+    texts = [(PipelineConfig, FOLDER, README.read_text(encoding="utf-8"))]
+    for command in app.registered_commands:
+        schema, folder = (
+            (TrainFlowConfig, TRAINING_FOLDER) if command.callback is train_flow else (PipelineConfig, FOLDER)
+        )
+        texts.append((schema, folder, inspect.getdoc(command.callback)))
+    for schema, folder, text in texts:
+        for setting in re.findall(r"--set ([a-z_.]+=[^`\s\"]+)", text):
+            of_pipeline = setting.startswith("flow.") or schema is PipelineConfig
+            yield (PipelineConfig, FOLDER, setting) if of_pipeline else (schema, folder, setting)
+
+
+def test_there_are_examples():
+    assert len(list(examples())) > 8
+
+
+@pytest.mark.parametrize(("schema", "folder", "setting"), list(examples()))
+def test_every_setting_in_an_example_is_known_accepted_and_no_default(schema, folder, setting):
+    assert load_settings(schema, folder, [], [setting]) != schema()
+    name, _, value = setting.partition("=")
+    default = functools.reduce(getattr, name.split("."), schema())
+    if isinstance(default, int | float):  # an example shows a change that one may want to make
+        assert default / 10 <= float(value) <= 10 * max(default, 1)
+
+
+def test_the_example_in_a_refusal_is_one(reart):
+    refusal = reart("run", "--dataset", "scans", "--set", "flow").stderr
+    setting = re.search(r"as in (\S+=\S+)", refusal)[1]
+    assert load_settings(PipelineConfig, FOLDER, [], [setting]) != PipelineConfig()
+
+
 def test_the_command_line_starts_without_the_heavy_libraries():
     program = "import sys, pipeline.cli; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
@@ -97,3 +142,14 @@ def test_a_line_parts_the_sections_and_no_text_is_taken_for_markup():
     assert shown.index("[odd]") < shown.index("mean")
     assert [row.end_section for row in table.rows] == [True, False]
     assert "[green]" in cells(table, 1)["value"]
+
+
+def test_inspect_tells_whether_delivered_files_are_as_they_were_written(reart, tmp_path):
+    (tmp_path / "filled").mkdir()
+    deliver(tmp_path / "filled", {"model.json": b"{}", "robot.urdf": b"<robot/>"})
+    whole = reart("inspect", "filled")
+    assert (whole.exit_code, whole.stdout) == (0, "every file is as it was written\n")
+    (tmp_path / "filled" / "robot.urdf").write_bytes(b"<robot />")
+    changed = reart("inspect", "filled")
+    assert (changed.exit_code, changed.stdout.startswith("changed: robot.urdf: ")) == (1, True)
+    assert json.loads(reart("inspect", "filled", "--json").stdout)["problems"]

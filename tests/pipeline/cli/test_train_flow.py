@@ -1,5 +1,7 @@
 import json
 
+from pipeline.training_batches import MakerDied
+
 
 def test_a_minute_of_training_lowers_the_loss(reart, tmp_path):
     done = reart(
@@ -27,3 +29,23 @@ def test_wrong_settings_end_in_one_line(reart, tmp_path):
         assert done.exit_code == 2
         assert complaint in done.stderr
         assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_damaged_checkpoint_ends_in_one_line_that_says_what_to_do(reart, tmp_path):
+    (tmp_path / "training").mkdir()
+    (tmp_path / "training" / "checkpoint.safetensors").write_bytes(b"junk")
+    done = reart("train-flow", "--out", "training", "--preset", "smoke")
+    assert done.exit_code == 2
+    assert "remove training/checkpoint.safetensors to begin anew" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_killed_maker_of_pairs_ends_in_one_line(reart, monkeypatch):
+    def train(*args):
+        raise MakerDied("killed by SIGKILL")
+
+    monkeypatch.setattr("pipeline.training.train", train)
+    done = reart("train-flow", "--out", "training", "--preset", "smoke")
+    assert done.exit_code == 1
+    assert "ended (killed by SIGKILL); what training holds is kept: give the same command again" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

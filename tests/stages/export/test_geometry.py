@@ -5,7 +5,7 @@ import pytest
 
 from schemas.config import ExportConfig
 from schemas.errors import InputError
-from stages.export.geometry import cleaned, collision_meshes, fuse, joint_origin, part_mesh
+from stages.export.geometry import cleaned, collision_meshes, fuse, part_mesh
 from stages.kernels.meshing import convex_hull
 from stages.kernels.nearest import KDTree, nearest
 
@@ -68,15 +68,3 @@ def test_coacd_that_is_not_there_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "coacd", None)
     with pytest.raises(InputError, match=r"collision coacd: found .* not installed; `pip install"):
         collision_meshes(convex_hull(np.eye(4, 3)), ExportConfig(collision="coacd"))
-
-
-def test_a_joint_begins_on_its_axis_where_its_parts_meet():
-    along = np.linspace(0.0, 1.0, 101)[:, None] * [1.0, 0.0, 0.0]
-    axis, point = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.5, 0.0])
-    assert joint_origin(along, along + [1.01, 0.0, 0.0], axis, point) == pytest.approx([1.02, 0.5, 0.0], abs=0.02)
-
-
-def test_a_part_without_points_has_its_joint_next_to_the_others():
-    axis, point = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    origin = joint_origin(np.zeros((0, 3)), np.array([[1.0, 0.0, 2.0]] * 99), axis, point)
-    assert origin == pytest.approx([0.0, 0.0, 2.0], abs=0.03)

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from schemas.errors import InputError
+from stages.ingest.messages import TooLargeError
 from stages.ingest.point_formats import read_points
 
 POINTS = np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32).astype(np.float64)
@@ -77,13 +79,13 @@ def test_ply_columns_are_found_by_name_and_earlier_elements_are_skipped(tmp_path
     np.testing.assert_array_equal(read_points(path), expected)
 
 
-def test_faces_before_the_vertices_are_read_as_text_and_refused_in_binary(tmp_path: Path) -> None:
+def test_faces_before_the_vertices_are_skipped(tmp_path: Path) -> None:
     head = "ply\nformat {} 1.0\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex 1\n"
     head += "property float x\nproperty float y\nproperty float z\nend_header\n"
     path = saved(tmp_path, "a.ply", head.format("ascii"), "3 0 1 2\n1 2 3\n")
     np.testing.assert_array_equal(read_points(path), [[1, 2, 3]])
     path = saved(tmp_path, "a.ply", head.format("binary_little_endian"), struct.pack("<B3i3f", 3, 0, 1, 2, 1, 2, 3))
-    assert "lists before the vertices" in refusal(path)
+    np.testing.assert_array_equal(read_points(path), [[1, 2, 3]])
 
 
 def test_text_keeps_nan_and_infinity(tmp_path: Path) -> None:
@@ -240,3 +242,127 @@ def test_a_truncated_npy_is_refused_without_allocating_what_it_declares(tmp_path
     header = path.read_bytes()[:128].replace(b"(40, 3)", b"(9999999999999, 3)").replace(b"}           ", b"} ")
     path.write_bytes(header[:127].ljust(127) + b"\n")
     refusal(path)
+
+
+def test_a_mark_of_utf_8_capitals_and_utf_16_in_headers(tmp_path: Path) -> None:
+    mark = b"\xef\xbb\xbf"
+    for name, header in (("a.ply", ply_header("binary_little_endian")), ("a.pcd", pcd_header("binary"))):
+        for data in (
+            mark + header.encode(),
+            header.replace(" x", " X").replace(" y", " Y").replace(" z", " Z").encode(),
+        ):
+            path = saved(tmp_path, name, data, POINTS.astype("<f4").tobytes())
+            np.testing.assert_array_equal(read_points(path), POINTS)
+        assert "UTF-16" in refusal(saved(tmp_path, name, header.encode("utf-16")))
+
+
+@pytest.mark.parametrize("lengths", [[2] * 40, [0, 1, 3, 2] * 10], ids=["of one length", "of any length"])
+@pytest.mark.parametrize("first", [True, False], ids=["before", "after"])
+def test_ply_lists_on_vertices_are_skipped(tmp_path: Path, lengths: list[int], first: bool) -> None:
+    properties = ["property list uchar int seen_by", *(f"property float {name}" for name in "xyz")]
+    columns = "\n".join(properties if first else properties[1:] + properties[:1])
+    head = "ply\nformat {} 1.0\nelement vertex 40\n" + columns + "\nend_header\n"
+    for encoding, order in (("binary_little_endian", "<"), ("binary_big_endian", ">")):
+        lists = [struct.pack(f"{order}B{length}i", length, *range(length)) for length in lengths]
+        points = [point.astype(order + "f4").tobytes() for point in POINTS]
+        rows = [a + b if first else b + a for a, b in zip(lists, points, strict=True)]
+        path = saved(tmp_path, "a.ply", head.format(encoding), b"".join(rows))
+        np.testing.assert_array_equal(read_points(path), POINTS)
+        path.write_bytes(path.read_bytes()[:-1])
+        refusal(path)
+    texts = [" ".join(map(str, [length, *range(length)])) for length in lengths]
+    lines = zip(texts, text(POINTS).splitlines(), strict=True)
+    body = "".join(f"{a} {b}\n" if first else f"{b} {a}\n" for a, b in lines)
+    np.testing.assert_array_equal(read_points(saved(tmp_path, "a.ply", head.format("ascii"), body)), POINTS)
+
+
+def test_ply_faces_of_any_size_may_come_before_the_vertices(tmp_path: Path) -> None:
+    head = ply_header("binary_little_endian").replace(
+        "element vertex", "element face 3\nproperty list uchar int vertex_indices\nelement vertex"
+    )
+    faces = struct.pack("<B3iB4iB3i", 3, 0, 1, 2, 4, 0, 1, 2, 3, 3, 0, 1, 2)
+    path = saved(tmp_path, "a.ply", head, faces, POINTS.astype("<f4").tobytes())
+    np.testing.assert_array_equal(read_points(path), POINTS)
+    for bad in (struct.pack("<B", 255), b""):
+        refusal(saved(tmp_path, "a.ply", head, bad))
+
+
+def test_ply_that_names_a_property_or_an_element_twice_is_refused(tmp_path: Path) -> None:
+    header = ply_header("ascii", extra="property float x")
+    assert "the column x twice" in refusal(saved(tmp_path, "a.ply", header, text(POINTS)))
+    header = ply_header("ascii", extra="element vertex 3|property float x")
+    assert "the element vertex twice" in refusal(saved(tmp_path, "a.ply", header, text(POINTS)))
+
+
+def test_pcd_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
+    body = POINTS.astype("<f4").tobytes()
+    message = refusal(saved(tmp_path, "a.pcd", pcd_header("binary", WIDTH="20"), body))
+    assert "POINTS 40, but WIDTH 20 x HEIGHT 1" in message
+    organised = saved(tmp_path, "a.pcd", pcd_header("binary", WIDTH="8", HEIGHT="5"), body)
+    np.testing.assert_array_equal(read_points(organised), POINTS)
+    twice = pcd_header("binary", FIELDS="x x y z", SIZE="4 4 4 4", TYPE="F F F F", COUNT="1 1 1 1")
+    assert "the column x twice" in refusal(saved(tmp_path, "a.pcd", twice, body * 2))
+
+
+def test_pcd_padding_fields_may_repeat(tmp_path: Path) -> None:
+    layout = {"FIELDS": "x y z _ rgb _", "SIZE": "4 4 4 1 4 1", "TYPE": "F F F U F U", "COUNT": "1 1 1 4 1 12"}
+    body = b"".join(point.astype("<f4").tobytes() + bytes(20) for point in POINTS)
+    np.testing.assert_array_equal(read_points(saved(tmp_path, "a.pcd", pcd_header("binary", **layout), body)), POINTS)
+
+
+@pytest.mark.parametrize(
+    "error", [OSError("libusb-1.0.so.0: cannot open"), ImportError("none"), AttributeError("_ARRAY")]
+)
+def test_open3d_that_cannot_be_loaded_is_named_with_another_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    class Broken:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "open3d":
+                raise error
+
+    monkeypatch.delitem(sys.modules, "open3d", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
+    path = saved(tmp_path, "a.pcd", pcd_header("binary_compressed"), struct.pack("<II", 480, 480), bytes(480))
+    with pytest.raises(InputError) as caught:
+        read_points(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "Open3D cannot be loaded" in message
+    assert str(error) in message
+    assert "uncompressed PCD or as PLY" in message
+    assert "export it again" not in message
+
+
+def test_more_points_than_allowed_are_refused_by_what_is_declared(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", POINTS)
+    body = POINTS.astype("<f4").tobytes()
+    files = (
+        saved(tmp_path, "a.ply", ply_header("binary_little_endian"), body),
+        saved(tmp_path, "b.ply", ply_header("ascii"), text(POINTS)),
+        saved(tmp_path, "a.pcd", pcd_header("binary"), body),
+        saved(tmp_path, "b.pcd", pcd_header("ascii"), text(POINTS)),
+        saved(tmp_path, "c.pcd", pcd_header("binary_compressed"), struct.pack("<II", 9, 480)),
+        tmp_path / "a.npy",
+    )
+    for path in files:
+        with pytest.raises(TooLargeError, match="found 40 points"):
+            read_points(path, 39)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".xyz", ".csv", ".npy", ".npz"])
+def test_a_file_that_cannot_be_opened_is_not_called_damaged(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.mkdir()  # as root every file may be read, but no folder
+    with pytest.raises(InputError, match=r"a\.\w+: cannot be read \(Is a directory\); check its permissions"):
+        read_points(path)
+
+
+def test_too_little_memory_is_not_called_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def exhausted(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(np, "stack", exhausted)
+    path = saved(tmp_path, "a.ply", ply_header("binary_little_endian"), POINTS.astype("<f4").tobytes())
+    with pytest.raises(InputError, match="takes more memory than there is"):
+        read_points(path)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 import pickle
 from pathlib import Path
 
@@ -109,7 +110,7 @@ def test_an_empty_folder_is_named(tmp_path: Path) -> None:
 
 def test_a_folder_without_frames_names_what_lies_there(tmp_path: Path) -> None:
     for name in ("a.obj", "b.obj", "c.txt", "d.las"):
-        (tmp_path / name).write_text("1 2 3\n")
+        (tmp_path / name).write_text("about these scans\n")
     assert "no frame among a.obj, b.obj, c.txt, ..." in refusal(tmp_path)
 
 
@@ -152,7 +153,6 @@ def test_the_damaged_frame_of_a_folder_is_named(tmp_path: Path) -> None:
     "stack",
     [
         np.ones((3, 40, 2)),
-        np.ones((3, 40, 4)),
         np.ones(40),
         np.ones((3, 2, 40, 3)),
         np.ones((3, 40, 3), dtype=complex),
@@ -177,7 +177,7 @@ def test_frames_in_two_dimensions_are_refused_with_their_shape(tmp_path: Path) -
 
 def test_an_npz_must_say_which_array_holds_the_points(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", first=np.ones((2, 40, 3)), second=np.ones((2, 40, 3)))
-    assert "first, second" in refusal(tmp_path / "a.npz")
+    assert "first (2, 40, 3), second (2, 40, 3)" in refusal(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz")
     refusal(tmp_path / "a.npz")
 
@@ -200,3 +200,90 @@ def test_a_state_that_holds_something_else_is_refused(tmp_path: Path) -> None:
     for content in ({"points": np.ones((40, 3))}, [1, 2], {"pc": [[1, 2, 3]]}, {"pc": np.ones((40, 2))}):
         (tmp_path / "state_1.pkl").write_bytes(pickle.dumps(content))
         assert "state_1.pkl" in refusal(tmp_path)
+
+
+def test_frames_come_in_the_order_of_their_times(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for name in ("1.2", "0.9", "1.05", "-0.5"):
+        write_xyz(tmp_path / f"{name}.xyz", np.ones((2, 3)))
+    with caplog.at_level(logging.WARNING, "rearticulate.ingest"):
+        names = [frame.name.removesuffix(".xyz") for frame in read_frames(tmp_path)]
+    assert names == ["-0.5", "0.9", "1.05", "1.2"]
+    assert not caplog.records
+    write_xyz(tmp_path / "last.xyz", np.ones((2, 3)))
+    with caplog.at_level(logging.WARNING, "rearticulate.ingest"):
+        read_frames(tmp_path)
+    assert "in this order: -0.5.xyz, 0.9.xyz, 1.05.xyz, 1.2.xyz, last.xyz" in caplog.text
+
+
+def test_a_folder_for_each_frame_and_folders_of_sequences_are_told(tmp_path: Path) -> None:
+    for name in ("scan1", "scan2", "scan10"):
+        (tmp_path / name).mkdir()
+        write_ply(tmp_path / name / "cloud.ply", np.ones((40, 3)))
+    message = refusal(tmp_path)
+    assert "a folder for each frame (scan1/cloud.ply, scan2/cloud.ply, ...)" in message
+    assert "(scan1.ply, scan2.ply, ...)" in message
+    write_ply(tmp_path / "scan1" / "cloud2.ply", np.ones((40, 3)))
+    assert "folders with frames (scan1)" in refusal(tmp_path)
+
+
+def test_tables_are_frames_where_no_other_files_are(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for index in range(2):
+        write_xyz(tmp_path / f"{index}.txt", np.ones((40, 3)))
+    (tmp_path / "readme.txt").write_text("about these scans\n")
+    with caplog.at_level(logging.WARNING, "rearticulate.ingest"):
+        assert [frame.name for frame in read_frames(tmp_path)] == ["0.txt", "1.txt"]
+    assert "readme.txt" in caplog.text
+    for index in range(2):
+        write_ply(tmp_path / f"{index}.ply", np.ones((40, 3)))
+    assert [frame.name for frame in read_frames(tmp_path)] == ["0.ply", "1.ply"]
+
+
+def test_columns_beyond_the_third_of_npy_frames_are_left_out(tmp_path: Path) -> None:
+    clouds = RNG.normal(size=(2, 40, 6))
+    for index, cloud in enumerate(clouds):
+        np.save(tmp_path / f"{index}.npy", cloud)
+    np.testing.assert_array_equal([frame.points for frame in read_frames(tmp_path)], clouds[:, :, :3])
+
+
+def test_points_are_counted_over_the_frames_that_are_used(tmp_path: Path) -> None:
+    for index in range(4):
+        write_ply(tmp_path / f"{index}.ply", np.ones((40, 3)))
+    assert len(read_frames(tmp_path, max_points=160)) == 4
+    assert len(read_frames(tmp_path, every=2, max_points=80)) == 2
+    with pytest.raises(InputError) as caught:
+        read_frames(tmp_path, max_points=100)
+    assert str(caught.value).startswith(f"{tmp_path / '2.ply'}: found 40 points and 80 in the frames before, ")
+    assert "expected at most 100 in all frames (ingest.max_points)" in str(caught.value)
+
+
+def test_only_the_frames_that_are_used_are_read(tmp_path: Path) -> None:
+    for index in range(4):
+        write_ply(tmp_path / f"{index}.ply", np.ones((40, 3)))
+    (tmp_path / "1.ply").write_text("damaged")
+    assert [frame.name for frame in read_frames(tmp_path, every=2)] == ["0.ply", "2.ply"]
+
+
+def test_a_folder_that_may_not_be_looked_into_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_ply(tmp_path / "0.ply", np.ones((40, 3)))
+
+    def refused(self: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    for method in ("is_file", "iterdir", "is_dir"):
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, method, refused)
+            assert "Permission denied" in refusal(tmp_path)
+
+
+def test_a_damaged_npy_header_ends_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.ones((2, 40, 3)))
+    whole = path.read_bytes()
+    for old, new in ((b"}", b" "), (b"(2, 40, 3)", b"(2,-40, 3)"), (b"(2, 40, 3)", b"(2, 40, (((")):
+        path.write_bytes(whole.replace(old, new, 1))
+        refusal(path)
+        path.write_bytes(whole)
+        np.savez(tmp_path / "a.npz", points=np.ones((2, 40, 3)))
+        data = (tmp_path / "a.npz").read_bytes()
+        (tmp_path / "a.npz").write_bytes(data.replace(old, new, 1))
+        refusal(tmp_path / "a.npz")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 import pickle
 import subprocess
 import sys
@@ -285,3 +286,64 @@ def test_urdf_refuses_a_folder_that_is_not_given_or_holds_no_description(tmp_pat
     ):
         with pytest.raises(InputError, match=message):
             list_sources(config, data)
+
+
+def test_tables_make_sequences_and_one_alone_does_not(tmp_path: Path) -> None:
+    for index in range(2):
+        (tmp_path / "scan").mkdir(exist_ok=True)
+        np.savetxt(tmp_path / "scan" / f"{index}.csv", np.ones((40, 3)), delimiter=",")
+    write_frames(tmp_path / "other")
+    np.savetxt(tmp_path / "grasp.csv", np.ones((4, 6)), delimiter=",")
+    assert names(tmp_path) == ["other", "scan"]
+    assert names(tmp_path / "scan") == ["scan"]
+    for folder in ("alone", "nested"):
+        (tmp_path / folder).mkdir()
+    np.savetxt(tmp_path / "alone" / "log.csv", np.ones((40, 3)), delimiter=",")
+    np.savez(tmp_path / "nested" / "stack.npz", points=np.ones((2, 40, 3)))
+    assert names(tmp_path) == ["other", "scan"]
+
+
+def test_data_with_a_folder_for_each_frame_is_refused(tmp_path: Path) -> None:
+    for name in ("scan1", "scan2"):
+        write_frames(tmp_path / name, 1)
+    assert "a folder for each frame (scan1/frame_0.xyz, scan2/frame_0.xyz, ...)" in refusal(CONFIG, tmp_path)
+    write_frames(tmp_path / "whole")
+    assert names(tmp_path) == ["scan1", "scan2", "whole"]
+
+
+def test_many_frames_bring_a_hint_at_every(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    np.save(tmp_path / "video.npy", np.random.default_rng(0).normal(size=(300, 40, 3)))
+    source = file_source(tmp_path / "video.npy")
+    with caplog.at_level(logging.WARNING, "rearticulate.ingest"):
+        source.load(IngestConfig(every=6), np.random.default_rng(0))
+        assert not caplog.records
+        source.load(CONFIG, np.random.default_rng(0))
+    assert "300 frames" in caplog.text
+    assert "--set ingest.every=6" in caplog.text
+
+
+def test_the_settings_limit_holds_for_a_source(tmp_path: Path) -> None:
+    source = file_source(write_frames(tmp_path / "a"))
+    assert source.load(IngestConfig(max_points=120), np.random.default_rng(0)).sequence.frame_count == 3
+    with pytest.raises(InputError, match=r"frame_2\.xyz: found 40 points and 80 in .* at most 119 "):
+        source.load(IngestConfig(max_points=119), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("name", ["frame_1.xyz", "ground_truth.npz", "ground_truth.json"])
+def test_an_unreadable_file_is_named_by_digest_and_load(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    folder = write_frames(tmp_path / "a")
+    write_truth(folder)
+    source, opened = file_source(folder), Path.open
+
+    def refused(self: Path, *arguments: object, **options: object) -> object:
+        if self.name == name:
+            raise PermissionError(13, "Permission denied", str(self))
+        return opened(self, *arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Path, "open", refused)
+    for read in (source.digest, lambda: source.load(CONFIG, np.random.default_rng(0))):
+        with pytest.raises(InputError) as caught:
+            read()
+        assert str(caught.value).startswith(f"{folder / name}: cannot be read (Permission denied)")

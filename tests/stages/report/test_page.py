@@ -149,6 +149,14 @@ def test_a_model_without_robot_truth_motion_or_joints_has_a_page(samples):
     assert "One rigid part: nothing to move." in page.text
 
 
+def test_what_the_user_should_know_is_told(arm):
+    result, sequence, robot, *_ = arm
+    robot = robot.replace(remarks=("nothing moved <at all>",))
+    frames = [sequence.to_input(frame) for frame in sequence.frames()]
+    page = Page(report_page("arm", result, frames, measure(result, sequence), robot))
+    assert "nothing moved <at all>" in page.text
+
+
 def test_the_truth_is_told_where_there_is_one(page):
     text = " ".join(Page(page).text)
     assert "Against the truth" in text

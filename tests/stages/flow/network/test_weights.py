@@ -6,7 +6,7 @@ from safetensors.torch import save
 
 from schemas.errors import InputError
 from stages.flow.network.model import FeatureNetwork
-from stages.flow.network.weights import FORMAT, SHIPPED, load_network, weights_file
+from stages.flow.network.weights import FORMAT, SHIPPED, load_network, read_safetensors, safetensors_bytes, weights_file
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +69,37 @@ def test_a_file_of_another_format_and_a_missing_one_are_refused(network, tmp_pat
 def test_the_shipped_weights_are_small_and_can_be_loaded():
     assert SHIPPED.stat().st_size < 10_000_000
     load_network(SHIPPED)
+
+
+def test_the_same_tensors_give_the_same_bytes_in_any_order():
+    tensors = {"b": torch.arange(3.0), "a": torch.ones(2, 2).T, "c": torch.tensor(7)}
+    notes = {"format": "f", **{letter: letter for letter in "abcdefgh"}}
+    other = {"c": torch.tensor(7), "a": torch.ones(2, 2), "b": torch.arange(3.0)}
+    turned = dict(reversed(notes.items()))
+    # the library's own order of the notes is drawn anew each time
+    assert {safetensors_bytes(tensors, notes), safetensors_bytes(other, turned)} == {safetensors_bytes(tensors, notes)}
+
+
+def test_other_programs_read_what_is_written(tmp_path):
+    from safetensors.torch import load_file
+
+    path = tmp_path / "x.safetensors"
+    path.write_bytes(safetensors_bytes({"a": torch.arange(4.0), "n": torch.tensor(3)}, {"format": "f"}))
+    torch.testing.assert_close(load_file(path), {"a": torch.arange(4.0), "n": torch.tensor(3)})
+
+
+def test_a_changed_value_is_found_by_the_digest(tmp_path):
+    path = tmp_path / "x.safetensors"
+    content = bytearray(safetensors_bytes({"a": torch.arange(4.0)}, {"format": "f"}))
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="the file is damaged"):
+        read_safetensors(path, "f")
+
+
+def test_a_large_file_is_refused_unread(tmp_path):
+    path = tmp_path / "x.safetensors"
+    with path.open("wb") as file:
+        file.truncate(600 * 2**20)
+    with pytest.raises(InputError, match="found 600 MiB, expected at most"):
+        load_network(path)

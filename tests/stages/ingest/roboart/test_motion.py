@@ -90,7 +90,7 @@ def surface_of(*pieces):
 @pytest.fixture
 def box(urdf):
     path = urdf.write(urdf.link("a", urdf.box("1 1 1")))
-    return link_triangles(read_urdf(path), np.zeros(1, dtype=np.int64), path, ())[0]
+    return link_triangles(read_urdf(path), np.zeros(1, dtype=np.int64), path, (), 64.0)[0]
 
 
 def placed(*offsets):

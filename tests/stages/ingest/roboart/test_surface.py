@@ -11,7 +11,7 @@ from stages.ingest.roboart.urdf import read_urdf
 
 def one_link(urdf, *shapes):
     path = urdf.write(urdf.link("a", *shapes))
-    (triangles,) = link_triangles(read_urdf(path), np.zeros(1, dtype=np.int64), path, ())
+    (triangles,) = link_triangles(read_urdf(path), np.zeros(1, dtype=np.int64), path, (), 64.0)
     return triangles
 
 
@@ -65,7 +65,7 @@ def test_collision_shapes_stand_in_only_where_a_rigid_group_has_no_visual(urdf):
         urdf.joint("weld", "fixed", "seen", "motor"),
         urdf.joint("hinge", "revolute", "motor", "unseen", urdf.moves("1 0 0", -1, 1)),
     )
-    pieces = link_triangles(read_urdf(path), np.array([0, 0, 2]), path, ())
+    pieces = link_triangles(read_urdf(path), np.array([0, 0, 2]), path, (), 64.0)
     assert [areas(piece).sum() for piece in pieces] == pytest.approx([6, 0, 24])
 
 

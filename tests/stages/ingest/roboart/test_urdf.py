@@ -87,7 +87,7 @@ def test_joints_rest_at_zero_or_amid_limits_that_exclude_it(arm):
     [
         (["<link name='a'/>", "<link name='b'/>"], "2 links without a parent"),
         (["<link name='a'/>", "<joint name='j' type='fixed'><parent link='a'/><child link='z'/></joint>"], "'z'"),
-        (["<link name='a'/>", "<joint name='j' type='fixed'><child link='a'/></joint>"], "cannot be read as a URDF"),
+        (["<link name='a'/>", "<joint name='j' type='fixed'><child link='a'/></joint>"], "joint 'j': found no parent"),
         (["<link name='a'>"], "cannot be read as XML"),
     ],
 )

@@ -1,0 +1,34 @@
+"""What the user should know of a description: that nothing moves in it, or that its unit is hardly the right one."""
+
+from __future__ import annotations
+
+from schemas.model_file import ModelFile
+
+SMALLEST, LARGEST = 0.005, 20.0  # metres: what is beyond them was hardly measured in the unit that was taken
+HEAVIEST = 1e5  # kg
+SAY = "say the unit by --units, or by --scale when exporting"
+
+
+def remarks(
+    model: ModelFile, free_base: bool, metres_per_unit: float | None, size: float, mass: float
+) -> tuple[str, ...]:
+    """A line each; none of most models. `metres_per_unit` is that of the settings, size and mass are in m and kg."""
+    found = []
+    if not model.joints and free_base:
+        found.append("no joints were found: the object moves as one rigid part")
+    elif not model.joints:
+        found.append(
+            "nothing moved: one rigid part and no joints were found; "
+            "the object may be rigid, or move by less than the spacing of its points"
+        )
+    if not SMALLEST <= size <= LARGEST or mass > HEAVIEST:
+        found.append(f"{_unit(model, metres_per_unit)}: the robot is {size:.3g} m long and {mass:.3g} kg heavy; {SAY}")
+    return tuple(found)
+
+
+def _unit(model: ModelFile, metres_per_unit: float | None) -> str:
+    if metres_per_unit is not None:
+        return f"one unit was said to be {metres_per_unit:g} m"
+    if model.units == "unknown":
+        return "unit unknown: one unit was taken for one metre"
+    return f"the unit was said to be the {model.units}"

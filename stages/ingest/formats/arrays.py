@@ -1,0 +1,228 @@
+"""Arrays of points in numpy's own files: .npy, and .npz, of which only what is needed is read.
+
+Sizes are checked by what the headers declare, before anything is read, and nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, Any
+
+import numpy as np
+
+from schemas.errors import InputError
+from stages.ingest.formats.rows import Points
+from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, unreadable
+
+_MOST_COLUMNS = 16  # more are an image's, not a point's coordinates, colour and normal
+_MOST_BYTES = 2 << 30
+_ROWS_AT_ONCE = 1 << 20
+# what numpy's parser raises beside ValueError for a damaged header
+_HEADER_ERRORS = (SyntaxError, TypeError, OverflowError, TokenError, RecursionError)
+PER_FRAME = "save one .npy for each frame in a folder"
+
+
+@dataclass(frozen=True)
+class Member:
+    """One array of an .npz as its header declares it; `problem` says why it is no plain array."""
+
+    name: str
+    shape: tuple[int, ...] = ()
+    dtype: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.void))
+    fortran: bool = False
+    header: int = 0
+    info: zipfile.ZipInfo | None = None
+    problem: str = ""
+
+    @property
+    def nbytes(self) -> int:
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def points_shape(self) -> tuple[int, ...]:
+        """The shape with coordinates as the last axis; empty for what holds no points."""
+        return points_shape(self.shape, self.dtype)
+
+
+def points_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
+    """The shape as (..., points, 3) of an array with at least three columns, or with the fields x, y and z; else ()."""
+    if dtype.names:
+        plain = all(name in dtype.names and dtype[name].kind in "iuf" for name in "xyz")
+        return (*shape, 3) if plain else ()
+    if dtype.kind not in "iuf" or not shape or not 3 <= shape[-1] <= _MOST_COLUMNS:
+        return ()
+    return (*shape[:-1], 3)
+
+
+def as_points(array: Any) -> Points:
+    """The first three columns of an array of one frame, or its fields x, y and z, as float64.
+
+    Raises ValueError for anything but real numbers of shape (points, 3 or more).
+    """
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"found a {type(array).__name__}, expected an array of shape (points, 3)")
+    found = f"found an array of shape {array.shape}"
+    if array.dtype.names is None and array.dtype.kind not in "iuf":
+        raise ValueError(f"found dtype {array.dtype}, expected real numbers")
+    shape = points_shape(array.shape, array.dtype)
+    if len(shape) == 3:
+        raise ValueError(f"{found} among frames; give that file itself as the sequence")
+    if array.ndim == 2 and array.shape[0] == 3 and array.shape[1] > _MOST_COLUMNS:
+        raise ValueError(f"{found}, expected (points, 3); save its transpose")
+    if len(shape) != 2:
+        raise ValueError(f"{found}, expected (points, 3)")
+    return _coordinates(array).astype(np.float64)
+
+
+def map_array(path: Path) -> np.ndarray:
+    """A .npy file as a read-only map: its header is checked against its size and nothing is loaded.
+
+    Raises ValueError or OSError for a file that is not a whole array of plain numbers.
+    """
+    try:
+        return np.lib.format.open_memmap(path, mode="r")
+    except ValueError as error:
+        if "Python objects" in str(error):  # numpy's advice is to unpickle
+            raise ValueError(f"found Python objects, which are never unpickled; {PER_FRAME}") from error
+        raise
+    except _HEADER_ERRORS as error:
+        raise ValueError(f"found a damaged header ({one_line(error)})") from error
+
+
+def read_npy(path: Path, most: int) -> Points:
+    """The points of a .npy file of one frame. Raises ValueError or OSError, also for more than `most`."""
+    array = map_array(path)
+    check_count(len(array) if array.ndim else 0, most)
+    return as_points(np.asarray(array))
+
+
+def load_npz(path: Path, wanted: Collection[str] | None = None, most_bytes: int = _MOST_BYTES) -> dict[str, np.ndarray]:
+    """The arrays of an .npz, or those of the `wanted` that are there; others are neither read nor checked.
+
+    Raises InputError where it is damaged, holds pickled objects or declares more than `most_bytes`.
+    """
+    with open_npz(path) as archive:
+        members = [member for member in archive.members() if wanted is None or member.name in wanted]
+        if problems := [member for member in members if member.problem]:
+            raise ValueError(f"'{problems[0].name}' {problems[0].problem}")
+        if (declared := sum(member.nbytes for member in members)) > most_bytes:
+            raise InputError(
+                f"{path}: found arrays of {declared:,} bytes, expected at most {most_bytes:,}; check how it was written"
+            )
+        return {member.name: archive.read(member) for member in members}
+
+
+class Archive:
+    """An open .npz."""
+
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self._zip = archive
+
+    def members(self) -> list[Member]:
+        """What it holds, in the order in which it was saved, by the headers alone."""
+        return [self._member(info) for info in self._zip.infolist()]
+
+    def read(self, member: Member) -> np.ndarray:
+        """A whole array. Its size is to be checked before."""
+        with self._data(member) as file:
+            data = _exactly(file, member.nbytes)
+            array = np.frombuffer(data, member.dtype).reshape(member.shape, order="F" if member.fortran else "C")
+            file.read(1)  # the end, where zipfile checks the sum
+        return array.copy()
+
+    def read_frames(self, member: Member, step: int, most: int) -> Iterator[Points]:
+        """The points of every `step`-th entry of the first axis of (frames, points, 3 or more), one by one."""
+        frames, count = member.points_shape[:2]
+        check_count(count * len(range(0, frames, step)), most)
+        if member.fortran:
+            yield from (as_points(frame) for frame in self.read(member)[::step])
+            return
+        columns = member.shape[2:]
+        with self._data(member) as file:
+            for index in range(frames):
+                wanted = index % step == 0
+                frame = np.empty((count if wanted else 0, 3))
+                for start in range(0, count, _ROWS_AT_ONCE):
+                    rows = min(_ROWS_AT_ONCE, count - start)
+                    data = _exactly(file, rows * math.prod(columns) * member.dtype.itemsize)
+                    if wanted:
+                        block = np.frombuffer(data, member.dtype).reshape(rows, *columns)
+                        frame[start : start + rows] = _coordinates(block)
+                if wanted:
+                    yield frame
+            file.read(1)
+
+    def read_frame(self, member: Member, most: int) -> Points:
+        """The points of an array of (points, 3 or more)."""
+        check_count(member.shape[0], most)
+        return as_points(self.read(member))
+
+    def _member(self, info: zipfile.ZipInfo) -> Member:
+        name = info.filename.removesuffix(".npy")
+        if name == info.filename:
+            return Member(name, problem="is no array")
+        with self._zip.open(info) as file:
+            try:
+                version = np.lib.format.read_magic(file)
+                if version not in ((1, 0), (2, 0)):
+                    return Member(name, problem=f"is of the unknown .npy version {version}")
+                reads = np.lib.format
+                read_header = reads.read_array_header_1_0 if version == (1, 0) else reads.read_array_header_2_0
+                shape, fortran, dtype = read_header(file)
+            except (ValueError, *_HEADER_ERRORS) as error:
+                return Member(name, problem=f"is no array ({one_line(error)})")
+            member = Member(name, shape, dtype, fortran, file.tell(), info)
+        if dtype.hasobject:
+            return Member(name, shape, problem="holds Python objects, which are never unpickled")
+        if min(shape, default=0) < 0 or member.header + member.nbytes != info.file_size:
+            held = info.file_size - member.header
+            return Member(name, shape, problem=f"declares {member.nbytes} bytes, but holds {held}")
+        return member
+
+    @contextmanager
+    def _data(self, member: Member) -> Iterator[IO[bytes]]:
+        with self._zip.open(member.info or f"{member.name}.npy") as file:
+            _exactly(file, member.header)
+            yield file
+
+
+@contextmanager
+def open_npz(path: Path) -> Iterator[Archive]:
+    """An .npz whose members can be listed and read. Raises InputError, also for what goes wrong while it is read."""
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise unreadable(path, error) from error
+    try:
+        with file:
+            if not zipfile.is_zipfile(file):
+                raise zipfile.BadZipFile("it is no zip archive")
+            with zipfile.ZipFile(file) as archive:
+                yield Archive(archive)
+    except (InputError, TooLargeError):
+        raise
+    except MemoryError as error:
+        raise out_of_memory(path) from error
+    except Exception as error:  # zip and its compressors have many ways to say that a file is damaged
+        raise InputError(
+            f"{path}: cannot be read as .npz ({one_line(error)}), expected plain numeric arrays; save it with np.savez"
+        ) from error
+
+
+def _coordinates(array: np.ndarray) -> np.ndarray:
+    if array.dtype.names:
+        return np.stack([array[name] for name in "xyz"], axis=-1)
+    return array[..., :3]
+
+
+def _exactly(file: IO[bytes], count: int) -> bytes:
+    data = file.read(count)
+    if len(data) != count:
+        raise ValueError(f"it ends {count - len(data)} bytes early")
+    return data

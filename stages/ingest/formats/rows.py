@@ -1,0 +1,226 @@
+"""Rows of columns as the headers of PLY and PCD declare them, from binary data or from text."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, numbers
+from stages.ingest.messages import check_count
+
+Points = Float64[np.ndarray, "points 3"]
+
+_LONGEST_HEADER = 1 << 20
+_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+_UTF8_MARK = b"\xef\xbb\xbf"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: a value, `values` of them, or a list, where `length` is the type of its length."""
+
+    name: str
+    dtype: str
+    values: int = 1
+    length: str | None = None
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a header declares: how many rows of which columns."""
+
+    columns: list[Column]
+    count: int
+
+    def xyz(self) -> list[int]:
+        """Which columns hold the coordinates, in small letters or capitals. Raises ValueError where it is unclear."""
+        names = [column.name for column in self.columns]
+        lowered = [name.lower() for name in names]
+        if missing := [name for name in "xyz" if name not in lowered]:
+            raise ValueError(f"found no {' or '.join(missing)} among the columns {', '.join(names)}")
+        if twice := [name for name in names if name != "_" and names.count(name) > 1]:  # _ is PCD's padding
+            raise ValueError(f"found the column {twice[0]} twice, expected it once")
+        return [names.index(name) if name in names else lowered.index(name) for name in "xyz"]
+
+    def has_lists(self) -> bool:
+        """Whether a row's size depends on what it holds."""
+        return any(column.length for column in self.columns)
+
+
+def split_header(file: IO[bytes], end: str, kind: str) -> tuple[list[list[str]], int]:
+    """The words of each header line up to the one that `end` matches, and the position of the byte after it."""
+    data = file.read(_LONGEST_HEADER)
+    if data.startswith(_UTF16_MARKS):
+        raise ValueError("found UTF-16 text, expected plain text (UTF-8)")
+    match = re.search(rb"^" + end.encode() + rb"[ \t]*\r?\n", data, re.MULTILINE)
+    if match is None:
+        raise ValueError(f"found no complete {kind} header")
+    lines = data[: match.end()].removeprefix(_UTF8_MARK).decode("latin1").splitlines()
+    return [words for words in map(str.split, lines) if words], match.end()
+
+
+def declared_count(text: str) -> int:
+    """A number of rows in a header. Raises ValueError for anything else."""
+    if not re.fullmatch(r"[0-9]{1,12}", text):
+        raise ValueError(f"found a count of {text[:20]!r}, expected a number")
+    return int(text)
+
+
+def from_binary(rows: Rows, path: Path, start: int, byte_order: str, most: int) -> Points:
+    """The coordinates of rows that begin at byte `start`. Nothing else of the file is held."""
+    wanted = rows.xyz()
+    check_count(rows.count, most)
+    if rows.count == 0:
+        return np.empty((0, 3))
+    data = np.memmap(path, np.uint8, mode="r")
+    lengths = _equal_lengths(rows, data, start, byte_order)
+    if lengths is None:
+        return _walk(rows, data, start, byte_order, wanted)[0]
+    record = _record(rows, byte_order, lengths)
+    if len(data) - start < rows.count * record.itemsize:
+        found = max(len(data) - start, 0) // record.itemsize
+        raise ValueError(f"found {found} of the {rows.count} points that it declares")
+    table = np.frombuffer(data, record, rows.count, start)
+    return np.stack([table[str(index)][:, 0] for index in wanted], axis=1).astype(np.float64)
+
+
+def end_of(rows: Rows, path: Path, start: int, byte_order: str) -> int:
+    """The position of the byte after rows that begin at byte `start`, which need not be there."""
+    if rows.count == 0:
+        return start
+    data = np.memmap(path, np.uint8, mode="r")
+    lengths = _equal_lengths(rows, data, start, byte_order)
+    if lengths is None:
+        return _walk(rows, data, start, byte_order, [])[1]
+    return start + rows.count * _record(rows, byte_order, lengths).itemsize
+
+
+def from_text(rows: Rows, lines: Iterator[str], most: int) -> Points:
+    """The coordinates of rows of text; `lines` holds those of nothing before them."""
+    wanted = rows.xyz()
+    check_count(rows.count, most)
+    counted = _Counted(itertools.islice(lines, rows.count))
+    try:
+        points = _text_points(rows, iter(counted), wanted)
+    except ValueError:
+        counted.to_the_end()
+        if counted.count == rows.count:
+            raise
+    if counted.count < rows.count:  # the more likely cause of an odd last line, too
+        raise ValueError(f"found {counted.count} of the {rows.count} points that it declares")
+    return points
+
+
+class _Counted:
+    """Lines, and how many of them there were."""
+
+    def __init__(self, lines: Iterator[str]) -> None:
+        self._lines = lines
+        self.count = 0
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self._lines:
+            self.count += 1
+            yield line
+
+    def to_the_end(self) -> None:
+        for _ in self:
+            pass
+
+
+def _text_points(rows: Rows, lines: Iterator[str], wanted: list[int]) -> Points:
+    if rows.has_lists():
+        return np.array([_without_lists(rows, line, wanted) for line in lines]).reshape(-1, 3)
+    starts = np.cumsum([0] + [column.values for column in rows.columns])
+    return numbers(lines, [int(starts[index]) for index in wanted], None, int(starts[-1]))
+
+
+def text_lines(file: IO[bytes], start: int) -> Iterator[str]:
+    """The lines of a file from byte `start` on, without empty ones."""
+    file.seek(start)
+    while line := checked_line(file.readline(LONGEST_LINE)):
+        if not line.isspace():
+            yield line.decode("latin1")
+
+
+def _record(rows: Rows, byte_order: str, lengths: dict[int, int]) -> np.dtype[Any]:
+    """One row as a numpy type, with lists of the given lengths."""
+    fields: list[tuple[str, str, tuple[int]]] = []
+    for index, column in enumerate(rows.columns):
+        if column.length:
+            fields.append((f"length {index}", byte_order + column.length, (1,)))
+        fields.append((str(index), byte_order + column.dtype, (lengths.get(index, column.values),)))
+    return np.dtype(fields)
+
+
+def _equal_lengths(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str) -> dict[int, int] | None:
+    """The length of each list, where all rows have lists as long as the first one's, else None."""
+    if not rows.has_lists():
+        return {}
+    lengths: dict[int, int] = {}
+    offset = start
+    for index, column in enumerate(rows.columns):
+        if column.length:
+            length, offset = _value(data, offset, byte_order + column.length)
+            lengths[index] = _checked_length(length)
+        offset += np.dtype(column.dtype).itemsize * lengths.get(index, column.values)
+    record = _record(rows, byte_order, lengths)
+    if len(data) - start < rows.count * record.itemsize:
+        return None
+    table = np.frombuffer(data, record, rows.count, start)
+    same = all((table[f"length {index}"] == length).all() for index, length in lengths.items())
+    return lengths if same else None
+
+
+def _walk(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str, wanted: list[int]) -> tuple[Points, int]:
+    """The wanted columns of rows with lists of any length, one after the other, and where they end."""
+    points = np.empty((rows.count if wanted else 0, 3))
+    sizes = [np.dtype(column.dtype).itemsize for column in rows.columns]
+    view, offset = data.data, start
+    for row in range(rows.count):
+        for index, column in enumerate(rows.columns):
+            if index in wanted:
+                points[row, wanted.index(index)], _ = _value(view, offset, byte_order + column.dtype)
+            values = column.values
+            if column.length:
+                length, offset = _value(view, offset, byte_order + column.length)
+                values = _checked_length(length)
+            offset += sizes[index] * values
+    if offset > len(data):
+        raise ValueError("found fewer rows than it declares")
+    return points, offset
+
+
+def _value(data: Any, offset: int, dtype: str) -> tuple[float, int]:
+    """One number, and where the next one begins."""
+    code = dtype[0] + np.dtype(dtype).char
+    if offset + struct.calcsize(code) > len(data):
+        raise ValueError("found fewer rows than it declares")
+    return struct.unpack_from(code, data, offset)[0], offset + struct.calcsize(code)
+
+
+def _checked_length(length: float) -> int:
+    if length != int(length) or length < 0:
+        raise ValueError(f"found a list of {length} values")
+    return int(length)
+
+
+def _without_lists(rows: Rows, line: str, wanted: list[int]) -> list[float]:
+    """The wanted columns of one line, in which lists begin with their length."""
+    words, found, place = line.split(), {}, 0
+    for index, column in enumerate(rows.columns):
+        if place >= len(words):
+            raise ValueError(f"found a line of {len(words)} values, fewer than it declares")
+        found[index] = words[place]
+        place += 1 + _checked_length(float(words[place])) if column.length else column.values
+    if place != len(words):
+        raise ValueError(f"found {len(words)} values a line, expected the {place} that it declares")
+    return [float(found[index]) for index in wanted]

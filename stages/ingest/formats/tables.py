@@ -1,0 +1,248 @@
+"""Tables of points as text: .xyz, .txt, .csv, .pts, .asc and the like, from any program.
+
+Spaces, tabs, commas or semicolons stand between the columns. Lines before the first row of numbers are a header, and
+where it names x, y and z it says which columns they are; else they are the first three. A line with nothing but a
+whole number before the rows is their count.
+"""
+
+from __future__ import annotations
+
+import codecs
+import itertools
+import logging
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, fields, number, numbers
+from stages.ingest.formats.rows import Points
+from stages.ingest.messages import check_count
+
+_log = logging.getLogger("rearticulate.ingest")
+
+_MARKS = (  # the longer ones first, since they begin like others
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_DELIMITERS = (";", "\t", ",", None)
+_LONGEST_HEADER = 1000  # lines
+_SAMPLE = 50  # rows that tell the layout
+_COMMENT = re.compile(r"(^|[\s,;])(#|//|%).*")  # not the # in 1.#QNAN
+_BEFORE_NAMES = "#/% \t"
+_AFTER_NAME = re.compile(r"\s*[\[(].*[\])]$|[ _](m|cm|mm)$")  # a unit
+_POSITION = r"(?:points?|pos|position|coords?|coordinates?|vert|vertex|vertices|field|p|xyz)[ _.:\[-]*"
+_AXES = (
+    re.compile(r"[xyz]"),
+    re.compile(rf"(?:{_POSITION})?([xyz])\]?(?:[ _.-]*(?:coord|coordinate|pos|position)s?)?"),
+    re.compile(rf"{_POSITION}([012])\]?"),
+    re.compile(r"[012]"),  # as pandas writes a plain array with its index
+)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the coordinates are in a line."""
+
+    delimiter: str | None
+    width: int
+    columns: list[int] = field(default_factory=lambda: [0, 1, 2])
+
+
+def read_table(path: Path, most: int) -> Points:
+    """The coordinates of a table. Raises ValueError or OSError, also for more than `most` points."""
+    with _open_text(path) as file:
+        header, lines = _split(_lines(file))
+        first = next(lines, None)
+        if first is None:
+            if _words(header):
+                raise ValueError(f"found no row of three numbers, but {_words(header)[0][:60]!r}")
+            return numbers([], [0, 1, 2], None, 3)
+        sample = [first, *itertools.islice(lines, _SAMPLE)]
+        if _counts_columns(sample):
+            header.append(sample.pop(0))
+        layout = _layout(sample[0], header, path)
+        _check_commas(sample, layout)
+        counts = _Counts(header, most)
+        rows = counts.rows(itertools.chain(sample, lines))
+        points = numbers(rows, layout.columns, layout.delimiter, layout.width)
+    counts.check(len(points))
+    return points
+
+
+def looks_like_table(path: Path) -> bool:
+    """Whether a file begins as a table of points. Raises OSError where it cannot be read."""
+    try:
+        with _open_text(path) as file:
+            return next(_split(_lines(file))[1], None) is not None
+    except ValueError:
+        return False
+
+
+def _words(header: list[str]) -> list[str]:
+    """The lines of a header that are no counts."""
+    return [line for line in header if not line.isdigit()]
+
+
+class _Counts:
+    """The counts of rows that a .pts file writes before them, and what is there."""
+
+    def __init__(self, header: list[str], most: int) -> None:
+        self.declared = [int(line) for line in header if line.isdigit()]
+        self.most = most
+
+    def rows(self, lines: Iterable[str]) -> Iterator[str]:
+        """The lines without counts of further rows, at most as many as may be read."""
+        found = 0
+        for line in lines:
+            if self.declared and line.isdigit():
+                self.declared.append(int(line))
+                continue
+            found += 1
+            check_count(found, self.most)
+            yield line
+
+    def check(self, found: int) -> None:
+        """Raise ValueError unless one count, or all of them, tell how many rows there are."""
+        if self.declared and found not in (self.declared[-1], sum(self.declared)):
+            raise ValueError(f"found {found} of the {sum(self.declared)} points that it declares")
+
+
+def _open_text(path: Path) -> IO[str]:
+    with path.open("rb") as file:
+        head = file.read(4096)
+    encoding = next((name for mark, name in _MARKS if head.startswith(mark)), "")
+    if not encoding and b"\0" in head:
+        raise ValueError("found NUL bytes, expected text; it is a binary file, or UTF-16 without its mark")
+    return path.open("r", encoding=encoding or "utf-8", errors="replace")
+
+
+def _lines(file: IO[str]) -> Iterator[str]:
+    """The lines that are not empty, without white space around them."""
+    while line := checked_line(file.readline(LONGEST_LINE)):
+        stripped = line.strip()
+        if stripped.startswith(("[", "(")):  # lists of lists
+            stripped = stripped.strip("[](), ")
+        if stripped:
+            yield stripped
+
+
+def _split(lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
+    """The lines of the header, comments among them, and the rows without comments."""
+    header: list[str] = []
+    for line in lines:
+        bare = _without_comment(line)
+        if bare and _is_row(bare):
+            rest = (bare for line in lines if (bare := _without_comment(line)))
+            return header, itertools.chain([bare], rest)
+        header.append(line)
+        if len(header) > _LONGEST_HEADER:
+            break
+    return header, iter(())
+
+
+def _without_comment(line: str) -> str:
+    if "#" in line or "/" in line or "%" in line:
+        return _COMMENT.sub("", line).strip()
+    return line
+
+
+def _is_row(line: str) -> bool:
+    """Whether a line holds numbers and no count of rows: three of them, or fewer and nothing else."""
+    if line.isdigit():
+        return False
+    return _delimiter(line) is not False or (len(line.split()) == 2 and all(map(_is_number, line.split(), [None] * 2)))
+
+
+def _delimiter(line: str) -> str | bool | None:
+    """What stands between the fields of a row: that which gives numbers alone, or at least three; else False."""
+    found: str | bool | None = False
+    for delimiter in _DELIMITERS:
+        words = _without_empty_end(fields(line, delimiter))
+        count = sum(bool(word.strip()) and _is_number(word, delimiter) for word in words)
+        if count >= 3 and count == len(words):
+            return delimiter
+        if count >= 3 and found is False:
+            found = delimiter
+    return found
+
+
+def _without_empty_end(words: list[str]) -> list[str]:
+    return words if words[-1].strip() else words[:-1]
+
+
+def _is_number(word: str, delimiter: str | None) -> bool:
+    try:
+        number(word, delimiter)
+    except ValueError:
+        return False
+    return True
+
+
+def _layout(first: str, header: list[str], path: Path) -> _Layout:
+    """The layout of the rows by the first one and the header. Raises ValueError where they do not go together."""
+    delimiter = _delimiter(first)
+    if isinstance(delimiter, bool):
+        raise ValueError(f"found {len(first.split())} columns, expected x, y and z")
+    words = fields(first, delimiter)
+    width = len(_without_empty_end(words))
+    for line in reversed(header):
+        comment = line.startswith(("#", "%"))
+        for names in (line.strip(_BEFORE_NAMES).split(delimiter), re.split(r"[,;\s]+", line.strip(_BEFORE_NAMES))):
+            columns = _columns(names, width)
+            if columns is None or (comment and columns != [0, 1, 2] and len(names) != width):
+                continue
+            shift = _shift(names, columns, words, width, delimiter)
+            return _Layout(delimiter, len(words), [column + shift for column in columns])
+    if names := [line for line in _words(header) if not line.startswith(("#", "%"))]:
+        _log.warning("%s: found no x, y and z in the header %r, so took the first columns", path.name, names[-1][:60])
+    return _Layout(delimiter, len(words))
+
+
+def _columns(names: list[str], width: int) -> list[int] | None:
+    """Which columns a header names x, y and z; None where it does not. Raises ValueError for some of them."""
+    plain = [_AFTER_NAME.sub("", name.strip(" \t\"'").lower()) for name in names]
+    for pattern in _AXES:
+        axes = [match[match.lastindex or 0] if (match := pattern.fullmatch(name)) else "" for name in plain]
+        for wanted in ("xyz", "012"):
+            if all(axis in axes for axis in wanted):
+                if pattern is _AXES[0] and any(axes.count(axis) > 1 for axis in wanted):
+                    raise ValueError(f"found a column named twice in the header {' '.join(names)[:60]!r}")
+                return [axes.index(axis) for axis in wanted]
+    if len(names) == width and (found := [name for name in plain if name in ("x", "y", "z")]):
+        missing = [axis for axis in "xyz" if axis not in found]
+        raise ValueError(f"found no {' or '.join(missing)} among the columns {', '.join(names)[:60]}")
+    return None
+
+
+def _shift(names: list[str], columns: list[int], words: list[str], width: int, delimiter: str | None) -> int:
+    """How many columns without a name come before those that the header names."""
+    named = len(_without_empty_end(names))
+    if width == named + 1 and (words[0].strip().startswith('"') or _is_index(words)):
+        return 1  # the names of rows, as R writes them
+    if width != named and (columns != [0, 1, 2] or (delimiter == "," and width == 2 * named)):
+        reason = "; decimal commas need semicolons or tabs between the columns" if width == 2 * named else ""
+        raise ValueError(f"found {width} values in the first row, but {named} names in the header{reason}")
+    return 0
+
+
+def _is_index(words: list[str]) -> bool:
+    return words[0].strip() in ("0", "1") and all("." in word for word in words[1:4])
+
+
+def _counts_columns(sample: list[str]) -> bool:
+    """Whether the first row is a header 0, 1, 2, ..., as pandas writes it for an array, with or without its index."""
+    words = [word for word in re.split(r"[,;\s]+", sample[0]) if word]
+    return len(sample) > 1 and "." in sample[1] and words == [str(index) for index in range(len(words))]
+
+
+def _check_commas(sample: list[str], layout: _Layout) -> None:
+    """Raise ValueError where commas stand both between numbers and in them, so that 0,5,-0,25,1,0 has six columns."""
+    if layout.delimiter != "," or layout.width % 2 or layout.width < 6 or any("." in line for line in sample):
+        return
+    if any(re.search(r"(^|,)\s*-0\s*,|,0[0-9]+\s*(,|$)", line) for line in sample):
+        raise ValueError("found commas between the columns and in the numbers, expected semicolons between the columns")

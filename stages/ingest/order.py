@@ -1,0 +1,90 @@
+"""The order in which people and programs number their frames."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+_NUMBER = re.compile(
+    r"(?:(?<![^\W_])(?<![-.)\]])[+-])?"  # a sign, where no word ends before it
+    r"(?:(?<![0-9.])[0-9]+\.([0-9]+)(?:[eE][+-][0-9]+(?![^\W_]))?(?!\.?[0-9])"  # a decimal; 1.2.3 is none
+    r"|(?<![^\W_])[0-9]+[eE][+-][0-9]+(?![^\W_])"  # 1e-05
+    r"|[0-9]+)"
+)
+_WHOLE = re.compile(r"([0-9]+)")
+_SHOWN = 4
+Key = list[str | int | Decimal]
+
+
+@dataclass(frozen=True)
+class Order:
+    """Names in order, and whether that is not plain from the names."""
+
+    names: list[str]
+    doubt: str = ""
+
+    def message(self) -> str:
+        """The order and what is in doubt, in one line."""
+        shown = ", ".join(self.names[:_SHOWN])
+        if len(self.names) > _SHOWN:
+            shown += f", ..., {self.names[-1]}" if len(self.names) > _SHOWN + 1 else f", {self.names[-1]}"
+        return f"{self.doubt}; the frames are taken in this order: {shown}; rename them by numbers if that is wrong"
+
+
+def in_order(names: Sequence[str]) -> Order:
+    """Names by the numbers in them: frame_2 before frame_10, 0.9 before 1.05, -1 before 1, 1.2.9 before 1.2.10.
+
+    The numbers of all names are read in one way: as decimals, unless they end like versions (1.9, 1.10).
+    """
+    fractions = [match[1] for name in names for match in _NUMBER.finditer(name) if match[1]]
+    padded = any(len(fraction) > 1 and fraction.endswith("0") for fraction in fractions)
+    as_versions = padded and len(set(map(len, fractions))) > 1
+    whole = sorted(names, key=natural_key)
+    decimal = sorted(names, key=lambda name: (_key(name), name))
+    ordered = whole if as_versions else decimal
+    doubt = _doubt({name: _key(name) for name in ordered})
+    surely_decimal = any(len(fraction) > 1 and fraction.startswith("0") for fraction in fractions)
+    if not doubt and fractions and whole != decimal and not surely_decimal:
+        doubt = f"the numbers in the names are taken for {'versions' if as_versions else 'decimals'}"
+    return Order(ordered, doubt)
+
+
+def natural_key(name: str) -> tuple[Key, str]:
+    """A sort key that puts frame_2 before frame_10, for whole numbers."""
+    return _whole_key(name), name
+
+
+def _whole_key(name: str) -> Key:
+    pieces = _WHOLE.split(name)  # text and digits take turns, so that like meets like
+    return [int(piece) if index % 2 else piece for index, piece in enumerate(pieces)]
+
+
+def _key(name: str) -> Key:
+    key: Key = []
+    end = 0
+    for match in _NUMBER.finditer(name):
+        key += [name[end : match.start()], Decimal(match[0])]
+        end = match.end()
+    return [*key, name[end:]]
+
+
+def _doubt(keys: dict[str, Key]) -> str:
+    """Why the order of names is not plain; empty where it is."""
+    if len(keys) < 2:
+        return ""
+    numbers = [tuple(key[1::2]) for key in keys.values()]
+    if len({tuple(str(text).lower() for text in key[::2]) for key in keys.values()}) > 1:
+        return "the names differ in more than their numbers"
+    if not numbers[0]:
+        return "the names hold no numbers"
+    if len(set(numbers)) < len(numbers):
+        return "two names hold the same number"
+    varied = [place for place, values in enumerate(zip(*numbers, strict=True)) if len(set(values)) > 1]
+    between = "".join(map(str, next(iter(keys.values()))[2 * varied[0] + 2 : 2 * varied[-1] + 1 : 2]))
+    if re.search(r"[^\W\d_TtZz]", between):  # 2024-01-02T10-11-12 is one number
+        return "several numbers in the names vary"
+    if all(Decimal(values[varied[0]]) < 0 for values in numbers):
+        return "a minus in the names is taken for a sign"
+    return ""
