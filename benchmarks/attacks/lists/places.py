@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from attacks.case import Case, Maker, Verdict, similar
@@ -45,6 +46,17 @@ def on_full(name: str, command: str, make: Maker, kilobytes: int, place: str = "
         needs_root=True,
         check=lambda folder, ran: "leaves partial files" if "LEFTOVER" in ran.out else "",
     )
+
+
+def delivering(kilobytes: int) -> Case:
+    """The artifacts have room, what is delivered has not."""
+
+    def made(folder: Path, prepared: Prepared) -> None:
+        prepared.give(folder, "frames")
+        (folder / "elsewhere").mkdir()
+
+    case = on_full(f"fit delivers {kilobytes} kB", FIT, made, kilobytes, "out", "ln -s ../elsewhere out/workdir")
+    return replace(case, writes=("elsewhere",))
 
 
 def without_permission(
@@ -163,7 +175,7 @@ CASES = [
     ),
     without_permission("model.json", POSE, both(MODEL, closed("model/model.json"))),
     on_full("fit of 300 kB", FIT, given("frames"), 300),
-    on_full("fit of 2 MB", FIT, given("frames"), 1400),
+    *[delivering(kilobytes) for kilobytes in (8, 40, 80)],
     on_full("run", RUN.replace("workdir workdir", "workdir out"), given("data"), 1000),
     on_full("evaluate", f"{EVALUATE} --out out", DONE, 300),
     on_full("pose", POSE, MODEL, 8),

@@ -101,7 +101,9 @@ CASES = [
     Case(
         "no fcntl",
         f'export PYTHONPATH="$PWD/fake:$PYTHONPATH"; {FIT}',
-        both(given("frames"), file("fake/fcntl.py", 'raise ModuleNotFoundError("No module named fcntl", name="fcntl")\n')),
+        both(
+            given("frames"), file("fake/fcntl.py", 'raise ModuleNotFoundError("No module named fcntl", name="fcntl")\n')
+        ),
         may=ANY,
     ),
     *similar(
