@@ -4,7 +4,8 @@ It makes two boxes with a hinge (6 frames of 400 points), fits them with the sma
 then damages, kills and misleads what is there. It needs no data and writes into a temporary folder.
 
 - flips: single bytes flipped (and some files cut or removed) in the artifacts and the delivered folder of a fit; each
-  must be found by what reads it, or make no difference. A few go through `reart status --check`, `evaluate` and `run`.
+  must be found by what reads it, or make no difference. A few go through `reart status --check`, `inspect`, `evaluate`
+  and `run`.
 - kills: SIGKILL at random moments of a fit, while it delivers too, to all its processes or one; the same command must
   then succeed, with the same model, with everything complete kept and nothing left over.
 - hostile: the inputs of attacks/lists, by the real command line, under limits of time and memory; each must be refused
@@ -139,7 +140,7 @@ def attack_bytes(
 ) -> None:
     """Flips in artifacts, in the delivered folder, and by commands."""
     prepared.give(folder, "model")
-    delivered = len([path for pattern in flips.DELIVERED for path in (folder / "model").glob(pattern)])
+    delivered = len(flips.delivered_files(folder / "model"))
     each = max(1, arguments.flips // 5)
     artifacts = folder / "model" / "workdir"
     groups = {
@@ -270,7 +271,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("attacks", nargs="*", choices=ATTACKS, default=ATTACKS, help="which; default: all")
     parser.add_argument("--seed", type=int, default=0, help="of bytes and moments")
     parser.add_argument("--flips", type=int, default=1500, help="in artifacts; a fifth of it in each delivered file")
-    parser.add_argument("--commands", type=int, default=21, help="flips that go through commands")
+    parser.add_argument("--commands", type=int, default=20, help="flips that go through commands")
     parser.add_argument("--kills", type=int, default=30)
     parser.add_argument("--only", nargs="+", default=(), metavar="NAME", help="hostile inputs whose names begin so")
     parser.add_argument("--list", action="store_true", help="name the hostile inputs, and do nothing")

@@ -101,7 +101,7 @@ CASES = [
     weights("numbers that are NaN", nan),
     Case(
         "a killed loader",
-        "(for try in $(seq 600); do sleep 0.1; loader=$(pgrep -s 0 -f '[s]pawn_main.*--multiprocessing-fork' | head -1); "
+        "(for try in $(seq 600); do sleep 0.1; loader=$(pgrep -s 0 -f '[s]pawn_main.*-fork' | head -1); "
         '[ "$loader" ] && sleep 2 && kill -9 $loader && break; done) & ' + TRAIN.format(2000),
         may=("failed", "refused"),
         says="killed|ended|loader|SIGKILL",
