@@ -52,7 +52,9 @@ class FlowTask(StageTask):
         from stages.flow import estimate_flow
 
         config, sequence = self.job.config, inputs["ingest"].sequence
-        candidate_frames(sequence.frame_count, config.canonical_frame)  # what it refuses is told before the work
+        candidate_frames(
+            sequence.point_counts.tolist(), config.canonical_frame
+        )  # what it refuses is told before the work
         return estimate_flow(sequence, config.flow, rng, progress)
 
 
@@ -71,7 +73,7 @@ class CandidateTask(StageTask):
 
 
 class RelaxedFitTask(CandidateTask):
-    stage, version, schema = "relaxed_fit", 4, RelaxedModel
+    stage, version, schema = "relaxed_fit", 5, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
         ingest = IngestTask(job=self.job)
@@ -88,7 +90,7 @@ class RelaxedFitTask(CandidateTask):
         from stages.relaxed_fit.carry_over import carry_over
 
         config, sequence = self.job.config, inputs["ingest"].sequence
-        frame = candidate_frames(sequence.frame_count, config.canonical_frame)[self.candidate]
+        frame = candidate_frames(sequence.point_counts.tolist(), config.canonical_frame)[self.candidate]
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
         return fit_relaxed(sequence, inputs["flow"], frame, config.relaxed_fit, rng, progress)
@@ -122,7 +124,7 @@ class MergingTask(CandidateTask):
 
 
 class FinalFitTask(CandidateTask):
-    stage, version, schema = "final_fit", 9, KinematicModel
+    stage, version, schema = "final_fit", 10, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job
@@ -140,7 +142,7 @@ class FinalFitTask(CandidateTask):
 
 
 class CanonicalFrameTask(StageTask):
-    stage, version, schema = "canonical_frame", 3, CanonicalChoice
+    stage, version, schema = "canonical_frame", 4, CanonicalChoice
 
     def requires(self) -> dict[str, StageTask]:
         config = self.job.config.canonical_frame

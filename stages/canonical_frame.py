@@ -5,27 +5,37 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
+
 from schemas.config import CanonicalFrameConfig, FinalFitConfig
 from schemas.errors import InputError
 from schemas.kinematic import Candidate, CanonicalChoice, KinematicModel
 from schemas.sequence import PointSequence
 from stages.final_fit.shared_energy import shared_energies
 
+UNUSUAL = 4.0  # times as many points make half the spacing
 
-def candidate_frames(frame_count: int, config: CanonicalFrameConfig) -> tuple[int, ...]:
+
+def candidate_frames(point_counts: Sequence[int], config: CanonicalFrameConfig) -> tuple[int, ...]:
     """The frames to try: the configured ones, or the middle frame and its neighbours, nearest first.
 
-    Which frame has which rank does not depend on how many are asked for; a sequence with fewer frames than
-    candidates has some tried twice. Raises InputError for a configured frame that the sequence does not have.
+    `point_counts` are those of all frames. Frames with `UNUSUAL` times the median count of points or more, or as much
+    fewer, are not tried: most points of a far denser frame lie near none of the others', and a far sparser one shows
+    parts by a few points. Which frame has which rank does not depend on how many are asked for; where there are fewer
+    frames than candidates, some are tried twice. Raises InputError for a configured frame that the sequence does not
+    have.
     """
+    frame_count = len(point_counts)
     for frame in config.frames:
         if not 0 <= frame < frame_count:
             raise InputError(f"canonical_frame.frames: found {frame}, expected 0..{frame_count - 1}; correct it")
     if config.frames:
         return config.frames
     middle = frame_count // 2
-    nearest_first = sorted(range(frame_count), key=lambda frame: (abs(frame - middle), frame))
-    return tuple(nearest_first[rank % frame_count] for rank in range(config.candidates))
+    usual = float(np.median(point_counts))
+    alike = [t for t, count in enumerate(point_counts) if usual / UNUSUAL < count < usual * UNUSUAL]
+    nearest_first = sorted(alike or range(frame_count), key=lambda frame: (abs(frame - middle), frame))
+    return tuple(nearest_first[rank % len(nearest_first)] for rank in range(config.candidates))
 
 
 def choose(

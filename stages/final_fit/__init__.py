@@ -19,6 +19,7 @@ from stages.final_fit.parallel_slides import hang_slides
 from stages.final_fit.pruning import prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
 from stages.kernels import se3
+from stages.kernels.quantisation import coarseness
 from stages.progress import Progress, silent
 
 STEPS = 4
@@ -41,27 +42,28 @@ def fit_final(
     from.
     """
     frames = working_frames(sequence, model.canonical_frame, config.points, config.reach)
+    part_price, link_price = (frames.price(price) for price in (config.part_price, config.link_price))
     labels = model.labels[frames.index]
     fit = Fit(to_chain(model, frames, config.still_root), labels)
     if config.hidden_links:
-        fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, config.link_price)
+        fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, link_price)
     fit = try_hinges(frames.refine(fit, config.iterations), frames, config.iterations)
     progress(1, STEPS)
     if config.relabel:
         fit = _settled(fit, frames, config, 2, (config.fused_frames + 1) // 2)
         progress(2, STEPS)
-        if config.part_price > 0:
-            fit = frames.refine(prune(fit, frames, config.part_price, config.prune_iterations), config.iterations)
+        if part_price > 0:
+            fit = frames.refine(prune(fit, frames, part_price, config.prune_iterations), config.iterations)
         progress(3, STEPS)
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
-        if config.part_price > 0:
-            fit = hang_slides(fit, frames, config.part_price, config.iterations)
+        if part_price > 0:
+            fit = hang_slides(fit, frames, part_price, config.iterations)
     fit = frames.refine(fit, config.last_iterations)
-    confidence = joint_confidence(fit, frames, config.part_price)
+    confidence = joint_confidence(fit, frames, part_price, coarseness(sequence.to_input(frames.p_all)))
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
     progress(STEPS, STEPS)
     energies = model.energies | reconstruction_energies(fitted, sequence, flow, config)
-    return fitted.replace(energies=energies | {"E_fit": fit_energy(fit, frames, config.part_price)})
+    return fitted.replace(energies=energies | {"E_fit": fit_energy(fit, frames, part_price)})
 
 
 def fit_energy(fit: Fit, frames: Frames, part_price: float) -> float:

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from stages.final_fit.working import CONTACT, JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
 from stages.kernels.articulation import Chain
-from stages.kernels.evidence import motion_cost
+from stages.kernels.evidence import PLANE_NOISE, motion_cost
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.sampling import farthest_points
 from stages.kernels.screw import fit_screw, screw_transform
@@ -20,14 +20,18 @@ SURE = 5.0  # prices from which on a rise is not looked into further
 CLEARLY_WORSE = 1.0  # spacings by which another parent is worse where a link is 1 - 1/e sure
 
 
-def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarray, "joints 3"]:
+def joint_confidence(
+    fit: Fit, frames: Frames, price: float, coarseness: float = 0.0
+) -> Float64[np.ndarray, "joints 3"]:
     """Three numbers in [0, 1] for each joint: `part`, `link` and `type` (KinematicModel.confidence).
 
     A rise of the points' costs becomes 1 - exp(-rise / price): no rise is 0, and several prices are nearly 1. A link
     is doubted where another parent would do, or where its parts' points would rather move freely than by their joints.
-    Costs are those that points are labelled by (motion_cost); hypotheses are not refitted.
+    Costs are those that points are labelled by (motion_cost); hypotheses are not refitted. Where coordinates lie on
+    steps of `coarseness` spacings, a difference of costs or distances counts by the noise that these steps are.
     """
-    chain, price = fit.chain, price or USUAL_PRICE
+    chain, blur = fit.chain, _blur(coarseness)
+    price = (price or USUAL_PRICE) * blur
     if len(chain.child) == 0:
         return np.zeros((0, 3))
     Ts, samples = chain.Ts(), _samples(fit, frames)
@@ -35,14 +39,16 @@ def joint_confidence(fit: Fit, frames: Frames, price: float) -> Float64[np.ndarr
     pulled = np.maximum(_part_sums(fit, costs) - _part_sums(fit, _free_costs(fit, Ts, frames)), 0.0)
     ends = np.stack([chain.parent, chain.child])
     one_dof = np.exp(-pulled[ends].max(axis=0) / price)
-    return np.stack(
-        [
-            _certainty(_part_rises(fit, costs, Ts, samples, frames, price), price),
-            one_dof * _certainty(_link_margins(fit, Ts, samples, frames), CLEARLY_WORSE),
-            _certainty(_type_rises(fit, costs, Ts, samples, frames), price),
-        ],
-        axis=1,
-    )
+    part = _certainty(_part_rises(fit, costs, Ts, samples, frames, price), price)
+    link = one_dof * _certainty(_link_margins(fit, Ts, samples, frames), CLEARLY_WORSE * np.sqrt(blur))
+    if coarseness > 0:  # and so blurred, no motion is told to have more degrees of freedom than one
+        link = np.minimum(link, part)
+    return np.stack([part, link, _certainty(_type_rises(fit, costs, Ts, samples, frames), price)], axis=1)
+
+
+def _blur(coarseness: float) -> float:
+    """By how much steps of so many spacings raise the squared noise of plane distances; 1 where there are none."""
+    return 1.0 + (coarseness / np.sqrt(12) / PLANE_NOISE) ** 2
 
 
 def _certainty(rise: Float64[np.ndarray, "joints"], price: float) -> Float64[np.ndarray, "joints"]:

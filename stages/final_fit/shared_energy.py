@@ -27,6 +27,6 @@ def shared_energies(models: Sequence[KinematicModel], sequence: PointSequence, c
             labels, Ts = seen_from(
                 reference, clouds.p, frames[model.canonical_frame], model.labels, model.Ts_frame_canonical
             )
-            cost = clouds.point_costs(labels, Ts).sum() + config.part_price * model.part_count
+            cost = clouds.point_costs(labels, Ts).sum() + clouds.price(config.part_price) * model.part_count
             totals[index] += cost / len(labels)
     return (totals / len(references)).tolist()

@@ -12,6 +12,7 @@ from schemas.kinematic import KinematicModel, LinkType
 from schemas.sequence import PointSequence
 from stages.kernels import se3
 from stages.kernels.articulation import Chain, fit_chain
+from stages.kernels.evidence import price_over
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import Registration
 from stages.kernels.sampling import working_points
@@ -47,6 +48,10 @@ class Frames:
     @property
     def noise(self) -> float:
         return self.registration.noise
+
+    def price(self, price: float) -> float:
+        """A price of a part or link, which is meant for many frames, as it is for these."""
+        return price_over(self.registration.evidence, price)
 
     def refine(self, fit: Fit, iterations: int) -> Fit:
         """Joints and states fitted to all frames, labels as they are."""

@@ -15,7 +15,18 @@ NEAREST = 3  # points of a frame that stand for its surface near a moved point
 NEAR = 0.7  # radius, in spacings, within which they count
 PLANE_NOISE = 0.2  # spread of distances from the common plane, in spacings, where the motion is right
 TRUNCATION = 9.0
+USUAL_FRAMES = 9  # besides the canonical one
 CHUNK = 600_000  # places of entries in frames looked at together, for memory's sake
+
+
+def price_over(evidence: float, price: float) -> float:
+    """A price of parts or links, which is meant for `USUAL_FRAMES`, where fewer frames tell (Registration.evidence).
+
+    Costs are means over the frames. A part that is not there still gains from their noise, as its points and its axis
+    are chosen for that: in sum over the frames about as much however many they are, so in the mean the more, the fewer
+    they are. More frames than usual do not lower a price.
+    """
+    return price * max(1.0, USUAL_FRAMES / evidence)
 
 
 def motion_cost(
@@ -52,7 +63,7 @@ def gross_cost(
     """
     total = np.zeros(len(point))
     for t in frames:
-        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.noise
+        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.noises[t]
         total += np.minimum(0.5 * distance**2, TRUNCATION)
     return total / len(frames)
 
@@ -82,7 +93,7 @@ def _carried_back(
     part: Int64[np.ndarray, "entries"],
     Ts: Float64[np.ndarray, "frames parts 4 4"],
 ) -> tuple[Float64[np.ndarray, "entries frames nearest 3"], Float64[np.ndarray, "entries frames"]]:
-    """Offsets, in spacings, from a point to its frames' nearest points carried back to it, and the least distance."""
+    """Offsets, in each frame's noise, from a point to the nearest points carried back to it, and the least distance."""
     count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
     carried = np.empty((len(p), len(registration.others), count, 3))
     distance = np.empty((len(p), len(registration.others)))
@@ -91,6 +102,6 @@ def _carried_back(
         moved = move_points(T, p)
         distances, index = registration.trees[t].query(moved, k=count)
         offset = registration.frames[t][index.reshape(len(p), count)] - moved[:, None]
-        carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.noise
-        distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.noise
+        carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.noises[t]
+        distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.noises[t]
     return carried, distance

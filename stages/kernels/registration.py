@@ -17,6 +17,7 @@ from stages.kernels.sampling import normals, spacing
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
 PLANE_NOISE = 0.4  # spread of plane distances, in spacings, where a model fits
 DAMPING = 1e-4
+SPARSER = 1.5  # a frame whose spacing is so many times the canonical one's has a noise of its own
 
 
 @dataclass(frozen=True)
@@ -38,16 +39,25 @@ class Registration:
 
     Groups are sets of canonical points, given as parallel arrays `index` (entries,) of points and `group`
     (entries,) of group numbers; groups may overlap. Each group moves by `Ts` (frames, groups, 4, 4).
-    Lengths inside are in units of `noise`, the canonical cloud's spacing.
+    Lengths inside are in units of `noise`, the canonical cloud's spacing. Distances in a far sparser frame are in units
+    of that frame's own spacing (`noises`), since its points are that far off however well they fit.
     """
 
     def __init__(self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int) -> None:
         self.p = frames[canonical_frame]
         self.noise = spacing(self.p)
+        spacings = np.array([spacing(frame) for frame in frames])
+        self.noises = np.where(spacings > SPARSER * self.noise, spacings, self.noise)
+        self._shares = (self.noise / self.noises) ** 2  # of what a frame as dense as the canonical one would tell
         self.others = [t for t in range(len(frames)) if t != canonical_frame]
         self.frames = frames
         self.trees = [KDTree(frame) for frame in frames]
         self._normals = [normals(frame) for frame in frames]
+
+    @property
+    def evidence(self) -> float:
+        """How many frames as dense as the canonical one tell as much as the others: a sparser one counts for less."""
+        return float(self._shares[self.others].sum())
 
     def cost(
         self,
@@ -63,7 +73,8 @@ class Registration:
         """
         total = np.zeros(len(index))
         for t in self.others:
-            _, target, offset, distance = self._matches(t, index, group, Ts)
+            p, target, distance = self._matches(t, index, group, Ts)
+            offset = (p - self.frames[t][target]) / self.noises[t]
             total += _match_cost(self._normals[t][target], offset, distance, truncation)
         return total / len(self.others)
 
@@ -75,8 +86,8 @@ class Registration:
         for t in self.others:
             p = move_points(Ts[t, labels], self.p)
             distance, source = nearest(KDTree(p), self.frames[t])
-            offset = (p[source] - self.frames[t]) / self.noise
-            total += _match_cost(self._normals[t], offset, distance / self.noise, truncation).sum()
+            offset = (p[source] - self.frames[t]) / self.noises[t]
+            total += _match_cost(self._normals[t], offset, distance / self.noises[t], truncation).sum()
         return float(total / len(self.others))
 
     def refine_groups(
@@ -92,15 +103,15 @@ class Registration:
         centres = group_means(self.p[index], group, groups)
         for _ in range(iterations):
             for t in self.others:
-                p, target, offset, distance = self._matches(t, index, group, Ts)
+                p, target, distance = self._matches(t, index, group, Ts)
                 p_centres = move_points(Ts[t], centres)
                 hessian, gradient = normal_equations(
                     (p - p_centres[group]) / self.noise,
                     group,
                     groups,
                     self._normals[t][target],
-                    offset,
-                    robust_weight(distance, reach),
+                    (p - self.frames[t][target]) / self.noise,
+                    self._shares[t] * robust_weight(distance, reach),
                 )
                 hessian += DAMPING * _scaled_identity(hessian)
                 twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
@@ -149,28 +160,28 @@ class Registration:
         centres = np.stack([move_points(T, own_centres) for T in Ts])
         cost = 0.0
         for t in self.others:
-            p, target, _, distance = self._matches(t, index, labels, Ts)
+            p, target, distance = self._matches(t, index, labels, Ts)
             back_distance, back = nearest(KDTree(p), self.frames[t])
             source = np.concatenate([index, back])
             target = np.concatenate([target, np.arange(len(back))])
-            distance = np.concatenate([distance, back_distance / self.noise])
+            distance = np.concatenate([distance, back_distance / self.noises[t]])
             offset = (p[source] - self.frames[t][target]) / self.noise
             part, normal = labels[source], self._normals[t][target]
             arms = (p[source] - centres[t, part]) / self.noise
             weight = robust_weight(distance, reach)
-            hessian[t], gradient[t] = normal_equations(arms, part, parts, normal, offset, weight)
-            squares = np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
+            hessian[t], gradient[t] = normal_equations(arms, part, parts, normal, offset, self._shares[t] * weight)
+            squares = self._shares[t] * np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
             cost += float((squares * np.sqrt(weight)).sum())
         return NormalEquations(cost, hessian, gradient, centres)
 
     def _matches(
         self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Moved points, their nearest in frame t, and offset and distance to it in spacings."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Moved points, their nearest in frame t, and the distance to it in that frame's noise."""
         T_points = Ts[t, group]
         p = move_points(T_points, self.p[index])
         distance, target = nearest(self.trees[t], p)
-        return p, target, (p - self.frames[t][target]) / self.noise, distance / self.noise
+        return p, target, distance / self.noises[t]
 
     def _attach(
         self,

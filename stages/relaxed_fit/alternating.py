@@ -19,6 +19,7 @@ from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.flow.trajectories import follow_flow
+from stages.kernels.evidence import price_over
 from stages.kernels.graph_cut import expansion_move
 from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.registration import Registration
@@ -91,6 +92,7 @@ def solve_alternating(
     settings = config.alternating
     frames = [frame[working_points(frame, settings.points)] for frame in sequence.frames()]
     registration = Registration(frames, canonical_frame)
+    settings = settings.model_copy(update={"part_price": price_over(registration.evidence, settings.part_price)})
     trajectories = follow_flow(registration.p, sequence, flow, canonical_frame, config.energy.flow_neighbours)
     problem = Problem(registration, surface_graph(registration.p), settings)
     start = start_from_flow(registration.p, trajectories, settings.start_parts)

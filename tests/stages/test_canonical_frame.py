@@ -50,24 +50,42 @@ def test_no_candidate_is_an_error(hinge):
 
 
 def test_candidates_are_the_middle_frame_and_its_neighbours():
-    assert candidate_frames(10, CanonicalFrameConfig(candidates=3)) == (5, 4, 6)
-    assert candidate_frames(9, CanonicalFrameConfig(candidates=1)) == (4,)
+    assert candidate_frames([400] * 10, CanonicalFrameConfig(candidates=3)) == (5, 4, 6)
+    assert candidate_frames([400] * 9, CanonicalFrameConfig(candidates=1)) == (4,)
 
 
 def test_asking_for_more_candidates_keeps_the_first_ones():
-    assert candidate_frames(10, CanonicalFrameConfig(candidates=5))[:2] == candidate_frames(
-        10, CanonicalFrameConfig(candidates=2)
+    assert candidate_frames([400] * 10, CanonicalFrameConfig(candidates=5))[:2] == candidate_frames(
+        [400] * 10, CanonicalFrameConfig(candidates=2)
     )
 
 
 def test_a_short_sequence_repeats_its_frames():
-    assert candidate_frames(2, CanonicalFrameConfig(candidates=3)) == (1, 0, 1)
+    assert candidate_frames([400] * 2, CanonicalFrameConfig(candidates=3)) == (1, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ((800, 200_000, 100), (0, 0)),
+        ((2000, 2000, 150, 2000, 2000), (1, 3)),
+        ((300, 20_000, 300, 3000), (3, 3)),
+        ((5000, 500), (0, 0)),
+        ((3000, 4096, 2000, 4000, 3500), (2, 1)),
+    ],
+)
+def test_frames_of_an_unusual_density_are_not_tried(counts, expected):
+    assert candidate_frames(counts, CanonicalFrameConfig(candidates=2)) == expected
+
+
+def test_of_two_densities_the_denser_is_tried():
+    assert candidate_frames((100, 100, 100_000, 100_000), CanonicalFrameConfig(candidates=2)) == (2, 3)
 
 
 def test_configured_frames_are_taken_as_they_are():
-    assert candidate_frames(10, CanonicalFrameConfig(frames=(2, 7))) == (2, 7)
+    assert candidate_frames([400] * 10, CanonicalFrameConfig(frames=(2, 7))) == (2, 7)
 
 
 def test_a_configured_frame_that_is_not_there_is_refused():
     with pytest.raises(InputError, match=r"found 12, expected 0\.\.9"):
-        candidate_frames(10, CanonicalFrameConfig(frames=(2, 12)))
+        candidate_frames([400] * 10, CanonicalFrameConfig(frames=(2, 12)))

@@ -92,3 +92,14 @@ def test_one_part_has_no_joints_and_a_part_without_points_no_confidence(hinge_ca
 def test_the_price_is_the_scale_and_without_one_there_is_a_usual_one(hinge_case, price):
     found = joint_confidence(hinge_case.fit, hinge_case.frames, price)[0]
     assert (found[PART] > 0.9) == (found[TYPE] > 0.9) == (price == 0)
+
+
+def test_where_digits_are_lost_nothing_is_sure(two_parts):
+    """Steps of many spacings explain any cost; those of less than one leave what is plain."""
+    sure, blurred, lost = (
+        joint_confidence(two_parts.fit, two_parts.frames, PRICE, coarseness) for coarseness in (0.0, 0.6, 30.0)
+    )
+    np.testing.assert_array_equal(sure, confidence(two_parts))
+    assert np.all(blurred <= sure)
+    assert blurred[0, PART] > 0.9
+    assert lost.max() < 0.5

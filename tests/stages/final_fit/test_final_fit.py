@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+import stages.final_fit
 from schemas.config import FinalFitConfig, ProjectionConfig
 from stages.final_fit import fit_final
 from stages.kernels.screw import screw_transform
@@ -125,3 +126,44 @@ def test_is_deterministic_and_tells_its_progress(hinge):
     second = fit(start, hinge, seed=1)
     np.testing.assert_array_equal(first.Ts_frame_canonical, second.Ts_frame_canonical)
     assert steps == [(k, 4) for k in (1, 2, 3, 4)]
+
+
+def test_coordinates_that_have_lost_their_digits_lower_the_confidence(hinge):
+    """The same points taken for a thing of half a metre in geo-referenced coordinates of single precision."""
+    sure = fit(parts_of(hinge, 0.02), hinge).confidence
+    there = hinge.sequence.replace(scale=0.5, centre=(694386.25, 5155487.5, 381.0))
+    coarse = there.to_input(there.points).astype(np.float32).astype(np.float64)
+    lost = there.replace(points=(coarse - there.centre) / there.scale)
+    labels = hinge.canonical_labels
+    model = link_parts(lost.frames()[2], labels, hinge.Ts_frame_canonical, 2, ProjectionConfig())
+    assert sure.min() > 0.9
+    assert fit(model, hinge, sequence=lost).confidence.max() < 0.5
+
+
+def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
+    """The same parts, of five frames and of two: what two tell is paid as much for each part as nine would."""
+    prices = []
+    monkeypatch.setattr(stages.final_fit, "prune", lambda fit, frames, price, iterations: prices.append(price) or fit)
+    two = [2, 3]
+    sequence = hinge.sequence.replace(
+        points=np.concatenate([hinge.sequence.frames()[t] for t in two]),
+        point_counts=hinge.sequence.point_counts[two],
+        dropped_counts=hinge.sequence.dropped_counts[two],
+        frame_names=("a", "b"),
+    )
+    flow = hinge.true_flow()
+    first = int(flow.match_counts[:2].sum())
+    part = slice(first, first + int(flow.match_counts[2]))
+    flow = flow.replace(
+        match_counts=flow.match_counts[2:3],
+        source_index=flow.source_index[part],
+        target_index=flow.target_index[part],
+        flow=flow.flow[part],
+        confidence=flow.confidence[part],
+    )
+    Ts = hinge.Ts_frame_canonical[two]
+    model = link_parts(sequence.frames()[0], hinge.canonical_labels, Ts, 0, ProjectionConfig())
+    fitted = fit_final(model, sequence, flow, CONFIG, np.random.default_rng(0))
+    fit(parts_of(hinge), hinge)
+    assert prices == [9 * CONFIG.part_price, 9 / 4 * CONFIG.part_price]
+    assert fitted.part_count == 2

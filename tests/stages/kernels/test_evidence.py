@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from stages.kernels import evidence, se3
-from stages.kernels.evidence import TRUNCATION, gross_cost, motion_cost
+from stages.kernels.evidence import TRUNCATION, gross_cost, motion_cost, price_over
 from stages.kernels.registration import Registration
 
 EVERY = np.arange(400)
@@ -107,3 +107,20 @@ def test_gross_cost_is_part_of_what_a_motion_costs_and_tells_a_motion_that_is_fa
     seen = [gross_cost(registration, registration.p, EVERY, hinge.canonical_labels, Ts, some) for some in ([0, 4], [1])]
     assert np.all(seen[0] == TRUNCATION)
     assert seen[1].mean() < 1.0
+
+
+@pytest.mark.parametrize(("evidence", "expected"), [(100, 30), (9, 30), (3, 90), (1, 270), (0.5, 540)])
+def test_a_price_rises_where_few_frames_tell(evidence, expected):
+    assert price_over(evidence, 30.0) == expected
+
+
+def test_a_far_sparser_frame_bears_out_the_true_motion_too(hinge):
+    """Its points are far from most moved points, but no farther than its own spacing."""
+    frames = hinge.sequence.frames()
+    sparse = [*frames[:3], frames[3][::12], frames[4]]
+    Ts, everything = hinge.Ts_frame_canonical, np.arange(len(frames[2]))
+    one = [2, 3]  # the canonical frame against the sparse one
+    registration = Registration([sparse[t] for t in one], 0)
+    true = motion_cost(registration, registration.p, everything, hinge.canonical_labels, Ts[one])
+    other = motion_cost(registration, registration.p, everything, 1 - hinge.canonical_labels, Ts[one])
+    assert np.median(true) < 6 < np.median(other)  # in spacings of the canonical frame 12 and 16

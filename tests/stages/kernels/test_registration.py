@@ -5,7 +5,7 @@ import torch
 from stages.kernels import se3
 from stages.kernels.registration import Registration, turn_about, twist_jacobian
 from stages.kernels.rigid_motion import move_points
-from stages.kernels.sampling import normals
+from stages.kernels.sampling import normals, spacing
 
 ALL = np.arange(400)
 MOVING = np.flatnonzero(np.arange(400) >= 200)
@@ -152,3 +152,31 @@ def test_linearised_cost_is_least_near_the_truth_and_bounded_far_away(registrati
     away = true_Ts(hinge)
     away = np.where(np.arange(5)[:, None, None, None] == 2, away, away + 1e4 * np.eye(4, k=3))
     assert registration.linearise(hinge.canonical_labels, away, 2.0).cost < 4 * 800 * 2.0**2 * 1.1
+
+
+def test_frames_as_dense_as_the_canonical_one_share_its_noise(registration):
+    assert np.all(registration.noises == registration.noise)
+    assert registration.evidence == 4.0
+
+
+def test_a_far_sparser_frame_has_a_noise_of_its_own_and_tells_less(hinge):
+    frames = hinge.sequence.frames()
+    registration = Registration([*frames[:4], frames[4][::9]], 2)
+    np.testing.assert_array_equal(registration.noises[:4], registration.noise)
+    assert registration.noises[4] == spacing(frames[4][::9])
+    assert 3.0 < registration.evidence < 3.4  # about a ninth of a frame
+
+
+def test_a_far_sparser_frame_pulls_by_what_its_points_tell(hinge):
+    """Where all frames are sparse, the cost is that of the same frames in units of their own noise."""
+    frames = hinge.sequence.frames()
+    registration = Registration([frames[2], frames[3][::9]], 0)
+    labels, Ts = hinge.canonical_labels, hinge.Ts_frame_canonical[[2, 3]]
+    own = registration.linearise(labels, Ts, 2.0)
+    registration.noise = registration.noises[1]
+    registration._shares[:] = 1.0
+    coarse = registration.linearise(labels, Ts, 2.0)
+    assert own.cost == pytest.approx(coarse.cost)
+    np.testing.assert_allclose(
+        own.gradient[1, :, 3:], coarse.gradient[1, :, 3:] * spacing(frames[2]) / registration.noise
+    )
