@@ -8,6 +8,7 @@ from attacks.case import Case, Verdict, similar
 from attacks.lists.makers import FIT, both, file, given, sparse
 
 REFUSED: tuple[Verdict, ...] = ("refused",)
+OWN: tuple[Verdict, ...] = ("refused", "failed")  # a function that there is, and that fails
 
 
 def setting(text: str, may: tuple[Verdict, ...] = REFUSED, seconds: float = 60) -> Case:
@@ -22,8 +23,8 @@ def setting(text: str, may: tuple[Verdict, ...] = REFUSED, seconds: float = 60) 
     )
 
 
-def option(words: str, command: str = FIT, may: tuple[Verdict, ...] = REFUSED) -> Case:
-    return Case(f"{words[:60]}", f"{command} {words}", given("frames"), may=may, seconds=60)
+def option(words: str, command: str = FIT, may: tuple[Verdict, ...] = REFUSED, writes: tuple[str, ...] = ()) -> Case:
+    return Case(f"{words[:60]}", f"{command} {words}", given("frames"), may=may, seconds=60, writes=writes)
 
 
 def preset(name: str, content: bytes, may: tuple[Verdict, ...] = REFUSED) -> Case:
@@ -54,8 +55,6 @@ CASES = [
                 "a:",
                 ":b",
                 "::",
-                "os:system",
-                "os.path:join",
                 "json:nothing",
                 "nowhere:f",
                 ".:f",
@@ -64,17 +63,18 @@ CASES = [
                 "json:__name__",
                 "é:é",
                 "-c:f",
-                "geometric ",
                 "''",
                 "a\nb",
                 "'a:b:c'",
-                "sys:exit",
-                "os:_exit",
-                "os:abort",
             )
         ],
+        *[
+            setting(f"flow.estimator={value}", OWN)
+            for value in ("os:system", "os.path:join", "sys:exit", "os:_exit", "os:abort")
+        ],
+        setting("flow.estimator=geometric ", ("refused", "accepted")),
         setting("relaxed_fit.solver=:"),
-        setting("relaxed_fit.solver=sys:exit"),
+        setting("relaxed_fit.solver=sys:exit", OWN),
         setting("flow.geometric.stiffness=[nan]"),
         setting("flow.geometric.stiffness=[-1]"),
         setting("flow.geometric.stiffness=[inf, 1]"),
@@ -98,7 +98,7 @@ CASES = [
         setting("ingest.min_points=401"),
         setting("seed=-1"),
         setting("seed=99999999999999999999999999", ("refused", "accepted")),
-        setting("seed=true"),
+        setting("seed=true", ("refused", "accepted")),
         setting("seed=1.5"),
         setting("flow.geometric.points=1000000000000", ("refused", "accepted")),
         setting("flow.geometric.nodes=1000000000000", ("refused", "accepted")),
@@ -130,7 +130,7 @@ CASES = [
         setting("ingest.source=roboart", ("refused", "accepted")),
         option("--workers 100000", may=("accepted",)),
         option("--truth nowhere.npz"),
-        option("--truth frames"),
+        option("--truth frames", may=("refused", "accepted")),
         option("--truth /dev/null"),
         option("--preset nowhere.toml"),
         option("--preset ."),
@@ -146,7 +146,7 @@ CASES = [
         option("--data ''", RUN, ("refused", "accepted")),
         option("--workdir frames/frame_0.npy", RUN),
         option("--workdir /proc/self", RUN),
-        option("--workdir ''", RUN, ("refused", "accepted")),
+        option("--workdir ''", RUN, ("refused", "accepted"), writes=("scans",)),
         option("--workdir " + "a/" * 3000, RUN),
         option("--workdir " + "a" * 300, RUN),
         preset("nothing", b"", ("accepted",)),
