@@ -103,8 +103,8 @@ def judge(case: Case, folder: Path, prepared: Prepared) -> Judged:
     before = contents(folder, case)
     ran = prepared.run(case.command, folder, seconds=case.seconds, gib=case.gib, on_terminal=case.terminal)
     verdict, reasons = outcome(ran)
-    if ran.code in case.exits and ran.code is not None:
-        reasons = [reason for reason in reasons if reason != f"exit code {ran.code}"]
+    if ran.code in case.exits and ran.code is not None:  # nobody may be there to whom anything could be said
+        reasons = [reason for reason in reasons if reason.startswith(("traceback", "left running"))]
         verdict = "broken" if reasons else "ended"
     elif verdict not in (*case.may, "broken"):
         reasons.append(f"{verdict}, expected {' or '.join(case.may)}")

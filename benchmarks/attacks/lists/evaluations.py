@@ -296,7 +296,7 @@ CASES = [
         Case("inspect: nothing", "reart inspect nowhere", may=("refused",)),
         Case(
             "inspect: a foreign file in it",
-            "for folder in workdir/scans/box/flow-*/; do touch $folder/x; done; reart inspect workdir/scans/box/flow-*/",
+            "for own in workdir/scans/box/flow-*/; do touch $own/x; done; reart inspect workdir/scans/box/flow-*/",
             DONE,
             may=WRONG,
         ),
