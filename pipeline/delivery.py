@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from pipeline.files import write_atomically
+from pipeline.files import alone_in, check_own_folder, write_atomically, write_files
 from schemas.artifact import Schema
 from schemas.errors import InputError
 from schemas.seal import BLANK, intact, sealed, sha256
@@ -34,19 +34,23 @@ class Delivery(Schema):
 def deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str] = ()) -> None:
     """Write files by their relative paths, each whole or not at all, and note their digests.
 
-    The first comes last: once it is there, so is all that it needs. What an earlier delivery wrote is removed where it
-    is a mesh that no description in the folder names any more, or `obsolete`, unless it was changed since.
-    Raises InputError where the meshes' folder is a link.
+    The first comes last: once it is there, so is all that it needs; the second, its arrays, right before it. What an
+    earlier delivery wrote is removed where it is a mesh that no description in the folder names any more, or
+    `obsolete`, unless it was changed since. One delivery at a time goes into a folder. Raises InputError as
+    `check_target` does.
     """
-    check_target(folder)
+    with alone_in(folder):
+        check_target(folder)
+        _deliver(folder, files, obsolete)
+
+
+def _deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str]) -> None:
     earlier = _recorded(folder)
     digests = earlier | {name: sha256(content) for name, content in files.items()}
-    first, *others = files
-    for name in reversed(others):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / name, files[name])
+    names = list(files)
+    write_files(folder, {name: files[name] for name in names[2:]})
     _record(folder, digests)
-    write_atomically(folder / first, files[first])
+    write_files(folder, {name: files[name] for name in names[:2]})
     if unneeded := _unneeded(folder, earlier.keys() - files.keys(), obsolete):
         for name in unneeded:
             if _digest(folder / name) == earlier[name]:
@@ -55,12 +59,12 @@ def deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str] = 
 
 
 def check_target(folder: Path) -> None:
-    """Raises InputError where meshes would not be written into this very folder."""
-    meshes = folder / MESHES
-    if meshes.is_symlink():
-        raise InputError(f"{meshes}: found a symbolic link, expected a folder; remove the link, or name another folder")
-    if meshes.exists() and not meshes.is_dir():
-        raise InputError(f"{meshes}: found a file, expected a folder; remove it, or name another folder")
+    """Raises InputError where a delivery would not go into this very folder, and where its record is damaged."""
+    check_own_folder(folder / MESHES)
+    for name in (RECORD, *DESCRIPTIONS, "model.json", "model.npz", "report.html", "metrics.json"):
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name}: found a folder, expected a file; remove it, or name another folder")
+    _recorded(folder)
 
 
 def check_delivery(folder: Path) -> list[str]:
@@ -72,10 +76,10 @@ def check_delivery(folder: Path) -> list[str]:
     problems = []
     for name, digest in sorted(digests.items()):
         try:
-            if sha256((folder / name).read_bytes()) != digest:
+            if not (folder / name).is_file():
+                problems.append(f"{name}: missing")
+            elif sha256((folder / name).read_bytes()) != digest:
                 problems.append(f"{name}: its bytes were changed (its digest differs)")
-        except FileNotFoundError:
-            problems.append(f"{name}: missing")
         except OSError as error:
             problems.append(f"{name}: cannot be read ({error.strerror})")
     return problems
@@ -97,11 +101,9 @@ def _digest(path: Path) -> str | None:
 
 
 def _recorded(folder: Path) -> dict[str, str]:
-    """The digests of what was delivered before; none where that is not known."""
-    try:
-        return _read(folder / RECORD)
-    except InputError:
-        return {}
+    """The digests of what was delivered before; none where nothing was. Raises InputError for a damaged record."""
+    record = folder / RECORD
+    return _read(record) if record.is_file() and not record.is_symlink() else {}
 
 
 def _record(folder: Path, digests: Mapping[str, str]) -> None:
@@ -111,7 +113,7 @@ def _record(folder: Path, digests: Mapping[str, str]) -> None:
 
 def _read(path: Path) -> dict[str, str]:
     """The digests of a record. Raises InputError where there is none, and for a damaged one."""
-    remedy = "give the command that filled this folder again"
+    remedy = "remove it, and give the command that filled this folder again"
     try:
         content = path.read_bytes()
         record = Delivery.model_validate_json(content)

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 from pipeline import store
-from pipeline.files import write_atomically
+from pipeline.files import check_own_folder, write_atomically
 from pipeline.logs import OUR_LOGGER
 from pipeline.pages import address, page, picture_html, table_html
 from pipeline.protocol import Request
@@ -30,7 +30,9 @@ def write_evaluation(scores: Scores, workdir: Path, out: Path, comparison: Compa
     """Write the evaluation, and the comparison where there is one, to the folder `out`, which is made.
 
     Reports are copied, so that the folder can be moved or sent. What only an earlier evaluation had is removed.
+    Raises InputError where the folder of the copies is a link, and OSError where nothing can be written.
     """
+    check_own_folder(out / PAGES)
     (out / PAGES).mkdir(parents=True, exist_ok=True)
     earlier = _sequences_in(out / "evaluation.json")
     reported = [score.sequence for score in scores.sequences if copy_report(score, workdir, out / PAGES)]
@@ -47,10 +49,9 @@ def write_evaluation(scores: Scores, workdir: Path, out: Path, comparison: Compa
     if comparison is None:
         (out / "comparison.json").unlink(missing_ok=True)
     kept = {*reported, *(entry.sequence for entry in scores.missing)}  # what is missing now may come back
-    if not (out / PAGES).is_symlink():  # it would lead to a folder that is not ours
-        for sequence in earlier - kept:  # known by its name: the folder may hold files of the user's
-            for ending in COPIED:
-                (out / PAGES / f"{sequence}{ending}").unlink(missing_ok=True)
+    for sequence in earlier - kept:  # known by its name: the folder may hold files of the user's
+        for ending in COPIED:
+            (out / PAGES / f"{sequence}{ending}").unlink(missing_ok=True)
 
 
 def copy_report(score: SequenceScore, workdir: Path, folder: Path) -> bool:

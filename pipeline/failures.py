@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import os
 
+from pydantic import ValidationError
+
 from pipeline.store import ArtifactError
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 
 AGAIN = "then give the same command again: what is complete is kept"
 ADVICE = {
@@ -21,6 +23,7 @@ ADVICE = {
     errno.EAGAIN: f"allow more processes (ulimit -u), {AGAIN}",
     errno.ELOOP: "check its symbolic links",
 }
+NO_MEMORY = "can't allocate memory"  # torch says so in a RuntimeError
 SHOWN_PATH = 200  # characters of a path
 
 
@@ -34,13 +37,15 @@ def one_line(error: BaseException) -> str:
     match error:
         case InputError() | ArtifactError() | ProcessDied():
             return text
+        case ValidationError():
+            return first_fault(error, error.title)
         case OSError(errno=errno.ENAMETOOLONG, filename=where):
             return f"{_shortened(os.fsdecode(where))}: found a name too long for this system; give a shorter one"
         case OSError(errno=int(code), strerror=str(said)):
             where = error.filename2 or error.filename
             found = f"input or output: {said}" if where is None else f"{_shortened(os.fsdecode(where))}: {said}"
             return f"{found}; {ADVICE.get(code, f'see to that, {AGAIN}')}"
-        case MemoryError():
+        case MemoryError() | RuntimeError() if isinstance(error, MemoryError) or NO_MEMORY in text:
             return f"found too little memory{f' ({text})' if text else ''}; allow more, {AGAIN}"
         case _:
             return f"{type(error).__name__}: {text}"

@@ -7,9 +7,11 @@ import errno
 import fcntl
 import os
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO
+
+from schemas.errors import InputError
 
 PARTIAL = ".reart-partial"  # no file of the user's is called so
 ANY_PARTIAL = f".*{PARTIAL}"
@@ -29,12 +31,28 @@ def write_atomically(path: Path, content: bytes) -> None:
         os.replace(partial, path)
 
 
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by their paths in a folder, each whole or not at all, and the first of them last. Raises OSError."""
+    for name in reversed(list(files)):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / name, files[name])
+
+
 def open_fresh(path: Path) -> IO[str]:
     """A new text file in the place of what is there, which its other users keep. Raises OSError."""
     while True:
         path.unlink(missing_ok=True)
         with contextlib.suppress(FileExistsError):  # another one was faster
             return open(os.open(path, _FRESH, 0o666), "w", buffering=1, encoding="utf-8", errors="backslashreplace")
+
+
+def check_own_folder(folder: Path) -> None:
+    """Raises InputError where a folder of our own is somewhere else, or a file."""
+    advice = "remove it, or name another folder"
+    if folder.is_symlink():
+        raise InputError(f"{folder}: found a symbolic link, expected a folder; {advice}")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: found a file, expected a folder; {advice}")
 
 
 def remove_abandoned(partials: Iterable[Path]) -> None:
@@ -46,6 +64,17 @@ def remove_abandoned(partials: Iterable[Path]) -> None:
         ):
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
             partial.unlink()
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Let no other process that asks for it in the same way do its work in a folder meanwhile. Raises OSError."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        _lock(handle)
+        yield
+    finally:
+        os.close(handle)
 
 
 @contextlib.contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,7 @@ from jaxtyping import Float64
 from pydantic import ValidationError
 
 from pipeline import store
-from pipeline.files import write_atomically
-from schemas.artifact import GREATEST
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 from schemas.model_file import ModelFile, Result
 from schemas.seal import intact, sha256
 from schemas.sequence import IngestedSequence
@@ -46,7 +43,7 @@ def read_model_folder(folder: Path) -> Result:
     try:
         result = Result(model=model, **{name: arrays[name] for name in ARRAYS})
     except ValidationError as error:
-        raise InputError(f"{npz_path}: {_first(error)}; fit the model anew") from error
+        raise InputError(f"{npz_path}: {first_fault(error)}; fit the model anew") from error
     if not len(result.labels):
         raise InputError(f"{npz_path}: labels: found none, expected one for each point; fit the model anew")
     return result
@@ -68,7 +65,7 @@ def _read_model(path: Path, npz_digest: str) -> ModelFile:
     try:
         model = ModelFile.model_validate_json(content)
     except ValidationError as error:
-        raise InputError(f"{path}: {_first(error)}; expected a model of version 1 or 2, fit it anew") from error
+        raise InputError(f"{path}: {first_fault(error)}; expected a model of version 1 or 2, fit it anew") from error
     if model.json_sha256 is not None and not intact(content, model.json_sha256):
         raise InputError(
             f"{path}: its bytes were changed (json_sha256 differs); fit the model anew, "
@@ -80,23 +77,6 @@ def _read_model(path: Path, npz_digest: str) -> ModelFile:
             "take both files from one fit, or fit the model anew"
         )
     return model
-
-
-def _first(error: ValidationError) -> str:
-    """The first of a file's faults: the field, what is wrong, and what was found if that is short."""
-    first = error.errors()[0]
-    if "error" in first.get("ctx", {}):  # said by one of our own checks, which names the field
-        return str(first["ctx"]["error"])
-    found = f" (found {_brief(first['input'])})" if isinstance(first["input"], str | int | float) else ""
-    return f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}{found if first['loc'] else ''}"
-
-
-def _brief(value: str | int | float) -> str:
-    """A value as it is written, if that is short."""
-    if isinstance(value, int) and abs(value) > GREATEST:
-        return "a huge number"
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:40]}..."
 
 
 def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
@@ -130,13 +110,3 @@ def _ingested(result: Path) -> IngestedSequence | None:
     except store.ArtifactError as error:
         _log.warning("warning: %s", error)
         return None
-
-
-def write_beside(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files by their relative paths, each whole or not at all.
-
-    The first comes last: it is the description, whose meshes are then all there.
-    """
-    for name in reversed(list(files)):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / name, files[name])

@@ -15,10 +15,10 @@ from jaxtyping import Float64, Int64
 from pydantic import ValidationError
 
 from schemas.artifact import GREATEST
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 from schemas.model_file import ModelFile
 from schemas.pose import Pose, State
-from stages.ingest.point_formats import one_line
+from stages.ingest.messages import one_line
 from stages.ingest.readers import load_npz
 from stages.kernels.colours import distinct_colours
 from stages.kernels.precision import float32_holds
@@ -119,9 +119,7 @@ def _states_of_json(path: Path, model: ModelFile) -> tuple[dict[str, State], Flo
         try:
             pose = Pose.model_validate_json(path.read_bytes())
         except ValidationError as error:
-            first = error.errors()[0]
-            field = _name(".".join(map(str, first["loc"]))) or "the file"
-            raise InputError(f"{path}: {field}: {first['msg']}; expected a pose of version 1, pose it anew") from error
+            raise InputError(f"{path}: {first_fault(error)}; expected a pose of version 1, pose it anew") from error
         _check_origin(path, pose, model)
         return pose.states, np.array(pose.T_pose_root)
     values = {name: value if isinstance(value, list) else [value] for name, value in content.items()}

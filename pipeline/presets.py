@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from schemas.artifact import Schema
 from schemas.config import PipelineConfig
-from schemas.errors import InputError
+from schemas.errors import Fault, InputError
 
 FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
@@ -117,13 +117,12 @@ def _validated(schema: type[AnySchema], values: dict[str, Any], origin: str, of_
     try:
         return schema.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(map(str, first["loc"]))
-        if first["type"] == "extra_forbidden":
-            name = ".".join([name, *_first_path(first["input"])])
-            raise InputError(f"{origin}: there is no setting {name!r}; {_nearest(name, schema)}") from error
-        where = origin if of_option else f"{origin}: {name}"
-        raise InputError(f"{where}: found {_short(repr(first['input']))}; {_lower(first['msg'])}") from error
+        fault = Fault.first(error)
+        if fault.kind == "extra_forbidden":
+            name = ".".join([fault.field, *_first_path(fault.value)])
+            raise InputError(f"{origin}: there is no setting {_short(repr(name))}; {_nearest(name, schema)}") from error
+        where = origin if of_option else f"{origin}: {fault.field}"
+        raise InputError(f"{where}: found {_short(repr(fault.value))}; {_lower(fault.said)}") from error
 
 
 def _first_path(value: Any) -> list[str]:
@@ -153,8 +152,7 @@ def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _lower(message: str) -> str:
-    """What pydantic says, as the end of a line of ours."""
-    message = message.removeprefix("Value error, ")
+    """What a schema says, as the end of a line of ours."""
     return message[:1].lower() + message[1:]
 
 

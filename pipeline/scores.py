@@ -19,7 +19,7 @@ from pipeline.protocol import Event, Request
 from pipeline.status import TaskStatus, task_status
 from pipeline.task import Job, upstream_first
 from pipeline.tasks import EvaluationTask, ReportTask, ResultTask, final_tasks
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 from schemas.metrics import Metrics
 from schemas.scores import Figures, GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
 from stages.ingest.sources import list_sources
@@ -163,9 +163,7 @@ def read_scores(path: Path) -> Scores:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}), {advice}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: {field}: {first['msg']}; {advice}") from error
+        raise InputError(f"{path}: {first_fault(error)}; {advice}") from error
 
 
 def _state_of(error: store.ArtifactError) -> MissingState:

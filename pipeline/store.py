@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import hashlib
 import json
 import os
 import shutil
@@ -26,7 +25,9 @@ from pipeline.arrays import AnyArtifact, arrays_of, assemble, pack, payload_of, 
 from pipeline.files import ANY_PARTIAL, naming_file, remove_abandoned
 from pipeline.keys import canonical_json
 from schemas.artifact import Artifact
+from schemas.errors import first_fault
 from schemas.manifest import ArrayEntry, Manifest, Provenance
+from schemas.seal import sha256
 
 MANIFEST = "manifest.json"
 ARRAYS = "arrays.zarr"
@@ -107,7 +108,7 @@ def publish(
             "schema_version": 1,
             "arrays": [entry.model_dump(mode="json") for entry in entries],
             "payload": payload_of(artifact),
-            "files": {name: _digest(contents[name]) for name in sorted(contents)},
+            "files": {name: sha256(contents[name]) for name in sorted(contents)},
         }
         manifest = Manifest.model_validate(content | {"digest": _content_digest(content)})
         (staged / MANIFEST).write_text(json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")
@@ -125,8 +126,10 @@ def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
     arrays = {entry.name: read_entry(directory, entry, contents) for entry in manifest.arrays}
     try:
         return assemble(schema, manifest.payload, arrays)
-    except (ValidationError, KeyError) as error:
-        raise CorruptArtifactError(directory, f"not a {schema.__name__}: {' '.join(str(error).split())}") from error
+    except ValidationError as error:
+        raise CorruptArtifactError(directory, f"not a {schema.__name__}: {first_fault(error)}") from error
+    except KeyError as error:
+        raise CorruptArtifactError(directory, f"not a {schema.__name__}: found no array {error}") from error
 
 
 def read_files(directory: Path) -> dict[str, bytes]:
@@ -140,9 +143,7 @@ def read_manifest(directory: Path) -> Manifest:
         content = json.loads((directory / MANIFEST).read_bytes())
         manifest = Manifest.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"]))
-        raise CorruptArtifactError(directory, f"{MANIFEST}: field {field or '(all)'}: {first['msg']}") from error
+        raise CorruptArtifactError(directory, f"{MANIFEST}: {first_fault(error)}") from error
     except (ValueError, RecursionError) as error:
         raise CorruptArtifactError(directory, f"{MANIFEST}: not readable as JSON ({error})") from error
     except (OSError, MemoryError) as error:
@@ -185,7 +186,7 @@ def read_entry(directory: Path, entry: ArrayEntry, contents: Mapping[str, bytes]
 
 def file_problems(contents: Mapping[str, bytes], manifest: Manifest) -> Iterator[str]:
     """What is wrong with the files of an artifact, one line a file."""
-    found = {name: _digest(content) for name, content in contents.items()}
+    found = {name: sha256(content) for name, content in contents.items()}
     for name in sorted(found.keys() | manifest.files.keys()):
         if name not in found:
             yield f"{name}: missing"
@@ -269,12 +270,8 @@ def _beside(directory: Path, prefix: str) -> Path:
     return directory.with_name(f"{prefix}{directory.name}-{uuid.uuid4().hex[:8]}")
 
 
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
 def _content_digest(content: Mapping[str, object]) -> str:
-    return _digest(canonical_json(content).encode())
+    return sha256(canonical_json(content).encode())
 
 
 @contextlib.contextmanager

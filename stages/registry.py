@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from schemas.errors import InputError
+from schemas.errors import InputError, first_fault
 
 
 def resolve(setting: str, name: str, registry: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
@@ -46,7 +46,4 @@ def blaming(setting: str, name: str) -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join([error.title, *map(str, first["loc"])])
-        said = first["ctx"]["error"] if "error" in first.get("ctx", {}) else f"{field}: {first['msg']}"
-        raise ValueError(f"{setting} {name!r}: {said}") from error
+        raise ValueError(f"{setting} {name!r}: {first_fault(error, error.title)}") from error

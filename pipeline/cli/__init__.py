@@ -65,12 +65,9 @@ def _as_exit_codes() -> Iterator[None]:
     except MemoryError as error:
         _end(one_line(error), 1)
     except KeyboardInterrupt:
-        _end("interrupted; what was complete is kept, and the same command goes on from there", 130)
+        _end(f"interrupted; {KEPT}", 130)
     except Ended as ended:
-        _end(
-            f"ended by {ended.name}; what was complete is kept, and the same command goes on from there",
-            ended.exit_code,
-        )
+        _end(f"ended by {ended.name}; {KEPT}", ended.exit_code)
 
 
 def _end(message: str, code: int) -> None:

@@ -126,7 +126,7 @@ def name_failures(outcome: launch.Outcome) -> None:
     """Say on standard error what went wrong, and where the logs are."""
     for failure in outcome.failures.values():
         log = outcome.log_of(failure)
-        where = f" (log: {log})" if log and log.is_file() else ""
+        where = f" (log: {log})" if log and os.path.isfile(log) else ""  # also where its folder is closed to us
         print(f"error: {failure.sequence} {failure.task}: {failure.message}{where}", file=sys.stderr)
     if outcome.died:
         again = "" if AGAIN in outcome.died else f"; see to that, {AGAIN}"

@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pipeline.cli.options import JsonOption, ModelArgument, naming, screen, writable_folder
-from pipeline.model_folder import read_model_folder, write_beside
+from pipeline.files import write_files
+from pipeline.model_folder import read_model_folder
 from schemas.errors import InputError
 from schemas.model_file import ModelFile
 from schemas.pose import Pose
@@ -87,7 +88,7 @@ def pose(
         with naming(states):
             posed = pose_by_states(result, given, T_pose_root, limits=limits is not False)
     if out is not None:
-        write_beside(out, pose_files(posed.pose, posed.points(result), result.labels))
+        write_files(out, pose_files(posed.pose, posed.points(result), result.labels))
     if as_json:
         print(posed.pose.model_dump_json(indent=1))
     else:

@@ -11,7 +11,7 @@ from types import FrameType
 
 from schemas.errors import InputError
 
-ENDING = (signal.SIGTERM, signal.SIGHUP)
+ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class Ended(BaseException):
@@ -76,9 +76,8 @@ def check_surroundings(words: Sequence[str]) -> None:
         try:
             word.encode()
         except UnicodeEncodeError as error:
-            raise InputError(
-                f"{word.encode('utf-8', 'backslashreplace').decode()}: found a name that is not UTF-8; rename it"
-            ) from error
+            shown = word.encode("utf-8", "backslashreplace").decode()
+            raise InputError(f"{shown}: found a name that is not UTF-8; rename it, or set LANG=C.UTF-8") from error
     try:
         os.getcwd()
     except OSError as error:

@@ -26,6 +26,8 @@ from pipeline.cli.options import (
     writable_folder,
 )
 from pipeline.cli.tables import screen_table
+from pipeline.evaluation_files import PAGES, default_folder, write_evaluation
+from pipeline.files import check_own_folder
 from pipeline.launch import FAILED, Outcome
 from pipeline.protocol import Request
 from pipeline.remarks import remarks
@@ -67,6 +69,8 @@ def run(
 
 def finish(request: Request, write: bool = False) -> None:
     """Run a request to its end, show the evaluation of what is complete, and exit; `write` its files too."""
+    if write:
+        check_own_folder(default_folder(request) / PAGES)  # before hours of computing
     console = screen()
     outcome = follow(request, console)
     unsound = unsound_results(outcome)
@@ -87,8 +91,6 @@ def conclude(request: Request, outcome: Outcome, console: Console, write: bool) 
     for sequence, line in remarks(outcome):
         console.print(f"{sequence}: {line}", soft_wrap=True, markup=False)
     if write:
-        from pipeline.evaluation_files import default_folder, write_evaluation
-
         folder = default_folder(request)
         write_evaluation(scores, request.workdir, folder)
         console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)

@@ -15,6 +15,7 @@ from stages.kernels.nearest import KDTree, nearest
 from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import spacing
 from stages.kernels.surface_graph import surface_graph
+from stages.open3d_use import needing_open3d
 
 FARTHEST = 3.0  # points of a frame farther from the posed model, in spacings, are of none of its parts
 LEAST_SPECK = 0.02  # share of a part's points below which a piece apart from the rest is no part of it
@@ -58,6 +59,7 @@ def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kep
     return smoothed(points[sizes[piece] >= min(LEAST_SPECK * len(points), sizes.max())])
 
 
+@needing_open3d("meshes of parts")
 def part_mesh(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Mesh:
     """The surface of a part's cleaned points. A lone point becomes a little ball, a flat part a slab."""
     radius = max(config.reach * spacing(points), least_radius) if len(points) > 1 else least_radius
@@ -65,6 +67,7 @@ def part_mesh(points: Float64[np.ndarray, "points 3"], least_radius: float, conf
     return decimated(convex_hull(mesh.vertices) if config.surface == "hull" else mesh, config.triangles)
 
 
+@needing_open3d("meshes of parts")
 def collision_meshes(mesh: Mesh, config: ExportConfig) -> list[Mesh]:
     """Convex meshes that stand for a part in contacts. Raises InputError where coacd is asked for and missing."""
     if config.collision == "hull":

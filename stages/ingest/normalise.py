@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
+from schemas.artifact import GREATEST
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import GroundTruth, LengthUnit, PointSequence, TrueJoint
@@ -19,7 +20,7 @@ from stages.ingest.truth import RawTruth, check_truth
 
 _log = logging.getLogger("rearticulate.ingest")
 
-_LARGEST_COORDINATE = 1e100  # squares of larger ones come too near to float64's end
+_LARGEST_COORDINATE = GREATEST / 1000  # so that motions and joints of such points are within the bound, too
 _LARGEST_SIZE_RATIO = 100.0  # no object grows by so much from frame to frame, but millimetres among metres do
 _LEAST_SIZE = 1e-100
 _LEAST_RELATIVE_SIZE = 1e-12  # below this a frame's extent is rounding noise of its coordinates
@@ -68,6 +69,8 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
     check_truth(truth, [len(frame.points) for frame in frames], "ground truth")
     labels = [of_frame[kept_points(frame)] for of_frame, frame in zip(truth.labels, frames, strict=True)]
     Ts_frame_first = normalise_transforms(truth.Ts_frame_first, sequence)
+    Ts_novel_first = normalise_transforms(truth.Ts_novel_first, sequence)
+    _check_distances(Ts_frame_first, Ts_novel_first)
     error = np.abs(Ts_frame_first[0] - np.eye(4)).max(axis=(-2, -1))
     if error.max() > _FIRST_FRAME_TOLERANCE:
         raise InputError(
@@ -77,7 +80,7 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
     return GroundTruth(
         labels=np.concatenate(labels).astype(np.int64),
         Ts_frame_first=Ts_frame_first,
-        Ts_novel_first=normalise_transforms(truth.Ts_novel_first, sequence),
+        Ts_novel_first=Ts_novel_first,
         parent=truth.parent,
         part_names=truth.part_names,
         joints=tuple(_normalise_joint(joint, sequence) for joint in truth.joints),
@@ -100,6 +103,15 @@ def _normalise_joint(joint: TrueJoint, sequence: PointSequence) -> TrueJoint:
     return joint.model_copy(update={"point": (x, y, z), "states": tuple(state / unit for state in joint.states)})
 
 
+def _check_distances(*Ts: Float64[np.ndarray, "*batch 4 4"]) -> None:
+    farthest = max(float(np.abs(of_states).max(initial=0)) for of_states in Ts)
+    if farthest > GREATEST:
+        raise InputError(
+            f"ground truth: found a motion by {farthest:.3g} times the object's size, expected at most {GREATEST:g}; "
+            "give the transforms in the units of the frames"
+        )
+
+
 def _check_frame(frame: Frame, points: Points, min_points: int) -> None:
     if len(points) < min_points:
         raise InputError(
@@ -110,8 +122,8 @@ def _check_frame(frame: Frame, points: Points, min_points: int) -> None:
     largest = np.abs(points).max()
     if largest > _LARGEST_COORDINATE:
         raise InputError(
-            f"{frame.name}: found a coordinate of {largest:.3g}, expected at most {_LARGEST_COORDINATE:g}, "
-            "since squares overflow; check how the file was written"
+            f"{frame.name}: found a coordinate of {largest:.3g}, expected at most {_LARGEST_COORDINATE:g}; "
+            "check how the file was written"
         )
     if np.ptp(points, axis=0).max() <= max(_LEAST_RELATIVE_SIZE * largest, _LEAST_SIZE):
         raise InputError(

@@ -10,6 +10,7 @@ from decimal import Decimal
 _NUMBER = re.compile(
     r"(?:(?<![^\W_])(?<![-.)\]])[+-])?"  # a sign, where no word ends before it
     r"(?:(?<![0-9.])[0-9]+\.([0-9]+)(?:[eE][+-][0-9]+(?![^\W_]))?(?!\.?[0-9])"  # a decimal; 1.2.3 is none
+    r"|(?<![0-9.,])[0-9]+,([0-9]+)(?![.,]?[0-9])"  # with a decimal comma
     r"|(?<![^\W_])[0-9]+[eE][+-][0-9]+(?![^\W_])"  # 1e-05
     r"|[0-9]+)"
 )
@@ -38,15 +39,18 @@ def in_order(names: Sequence[str]) -> Order:
 
     The numbers of all names are read in one way: as decimals, unless they end like versions (1.9, 1.10).
     """
-    fractions = [match[1] for name in names for match in _NUMBER.finditer(name) if match[1]]
+    found = [match for name in names for match in _NUMBER.finditer(name)]
+    fractions = [match[1] or match[2] for match in found if match[1] or match[2]]
     padded = any(len(fraction) > 1 and fraction.endswith("0") for fraction in fractions)
-    as_versions = padded and len(set(map(len, fractions))) > 1
+    uneven = padded and len(set(map(len, fractions))) > 1
+    surely_decimal = any(len(fraction) > 1 and fraction.startswith("0") for fraction in fractions)
+    as_versions = uneven and not surely_decimal
     whole = sorted(names, key=natural_key)
     decimal = sorted(names, key=lambda name: (_key(name), name))
     ordered = whole if as_versions else decimal
     doubt = _doubt({name: _key(name) for name in ordered})
-    surely_decimal = any(len(fraction) > 1 and fraction.startswith("0") for fraction in fractions)
-    if not doubt and fractions and whole != decimal and not surely_decimal:
+    differ = fractions and whole != decimal and (uneven or not surely_decimal)
+    if not doubt and (differ or any(match[2] for match in found)):
         doubt = f"the numbers in the names are taken for {'versions' if as_versions else 'decimals'}"
     return Order(ordered, doubt)
 
@@ -65,9 +69,19 @@ def _key(name: str) -> Key:
     key: Key = []
     end = 0
     for match in _NUMBER.finditer(name):
-        key += [name[end : match.start()], Decimal(match[0])]
+        key += [name[end : match.start()], Decimal(match[0].replace(",", "."))]
         end = match.end()
     return [*key, name[end:]]
+
+
+def _texts(name: str) -> list[str]:
+    return [match[0] for match in _NUMBER.finditer(name)]
+
+
+def _unevenly_padded(texts: list[str]) -> bool:
+    """Whether some numbers begin with zeros and others are shorter, as 05 and 2: the digits behind a mark may be."""
+    padded = [len(text) for text in texts if re.fullmatch("0[0-9]+", text)]
+    return bool(padded) and min(map(len, texts)) < max(padded)
 
 
 def _doubt(keys: dict[str, Key]) -> str:
@@ -85,6 +99,8 @@ def _doubt(keys: dict[str, Key]) -> str:
     between = "".join(map(str, next(iter(keys.values()))[2 * varied[0] + 2 : 2 * varied[-1] + 1 : 2]))
     if re.search(r"[^\W\d_TtZz]", between):  # 2024-01-02T10-11-12 is one number
         return "several numbers in the names vary"
+    if any(_unevenly_padded([texts[place] for texts in map(_texts, keys)]) for place in varied if place > 0):
+        return "some later numbers in the names begin with zeros"
     if all(Decimal(values[varied[0]]) < 0 for values in numbers):
         return "a minus in the names is taken for a sign"
     return ""

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from schemas.errors import InputError
-from stages.ingest.formats.arrays import read_npy
+from stages.ingest.formats.arrays import read_npy, read_organised
+from stages.ingest.formats.disguises import disguise
 from stages.ingest.formats.npz_frames import read_one_cloud
 from stages.ingest.formats.pcd import read_pcd
 from stages.ingest.formats.ply import read_ply
@@ -32,15 +33,16 @@ FRAME_SUFFIXES = tuple(_READERS)
 AMBIGUOUS_SUFFIXES = (".pts", ".asc", ".csv", ".tsv", ".txt", ".npz")
 
 
-def read_points(path: Path, most: int = sys.maxsize) -> Points:
+def read_points(path: Path, most: int = sys.maxsize, organised: bool = False) -> Points:
     """The coordinates that one file holds, NaN and infinity included.
 
-    Normals, colours, faces and other columns are ignored. Raises TooLargeError for more than `most` points, as far as
-    possible before they are read, and InputError for a file that is damaged, truncated or of another kind.
+    Normals, colours, faces and other columns are ignored. `organised` takes a .npy of rows and columns.
+    Raises TooLargeError for more than `most` points, as far as possible before they are read, and InputError for a file
+    that is damaged, truncated or of another kind.
     """
     suffix = path.suffix.lower()
     try:
-        return _READERS[suffix](path, most)
+        return read_organised(path, most) if organised else _READERS[suffix](path, most)
     except TooLargeError:
         raise
     except MemoryError as error:
@@ -48,6 +50,6 @@ def read_points(path: Path, most: int = sys.maxsize) -> Points:
     except OSError as error:
         raise unreadable(path, error) from error
     except (ValueError, OverflowError, TypeError) as error:
-        raise InputError(
-            f"{path}: {one_line(error)}; export it again as a whole {suffix} file of points with x, y and z"
-        ) from error
+        reason = disguise(path) or one_line(error)
+        advice = "" if "; " in reason else f"; export it again as a whole {suffix} file of points with x, y and z"
+        raise InputError(f"{path}: {reason}{advice}") from error

@@ -5,17 +5,19 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from schemas.errors import InputError
-from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, points_shape
+from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, npy_header, points_shape
+from stages.ingest.formats.disguises import disguise
 from stages.ingest.formats.npz_frames import find_frames, holds_one_cloud, read_npz_frames
 from stages.ingest.formats.rows import Points
 from stages.ingest.formats.tables import looks_like_table
-from stages.ingest.listing import is_file, is_folder, visible_files, visible_folders
+from stages.ingest.listing import input_files, is_file, is_folder, left_out, visible_folders
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, too_large, unreadable
 from stages.ingest.order import in_order
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_points
@@ -60,7 +62,7 @@ def frame_files(folder: Path) -> list[Path]:
 
     Files that may hold something else (.txt, .csv, .npz, ...) are frames where no others are and they look like it.
     """
-    files = visible_files(folder)
+    files = input_files(folder)
     certain = [file for file in files if is_state(file) or file.suffix.lower() in _CERTAIN_SUFFIXES]
     found = certain or [file for file in files if _looks_like_frame(file)]
     by_name = {file.name: file for file in found}
@@ -68,16 +70,19 @@ def frame_files(folder: Path) -> list[Path]:
 
 
 def axes(path: Path) -> int:
-    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header."""
+    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header alone.
+
+    0 for a .npy whose header cannot be read: its neighbours tell what it is.
+    """
     match path.suffix.lower():
         case ".npz":
             return 2 if holds_one_cloud(path) else 3
         case ".npy":
             try:
-                array = map_array(path)
-                return len(points_shape(array.shape, array.dtype)) or array.ndim
+                shape, dtype = npy_header(path)
+                return len(points_shape(shape, dtype)) or len(shape)
             except (ValueError, OSError):
-                return 2  # reading it as a frame tells what is wrong
+                return 0
     return 2
 
 
@@ -97,9 +102,10 @@ def _looks_like_frame(file: Path) -> bool:
     if suffix not in AMBIGUOUS_SUFFIXES:
         return False
     try:
+        file.open("rb").close()
         return holds_one_cloud(file) if suffix == ".npz" else looks_like_table(file)
-    except OSError as error:
-        raise unreadable(file, error) from error
+    except OSError:
+        return True  # reading it as a frame tells what is wrong
 
 
 def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
@@ -113,11 +119,12 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
             "since their order is unclear; move the others away"
         )
     _check_frame_count(folder, len(files), every)
-    _report_order(folder, files)
+    organised = all(axes(file) == 3 for file in files)
+    _report(folder, files, organised)
     frames, left = [], max_points
     for file in files[::every]:
         try:
-            points = read_state_points(file) if is_state(file) else read_points(file, left)
+            points = read_state_points(file) if is_state(file) else read_points(file, left, organised)
             check_count(len(points), left)
         except TooLargeError as error:
             raise too_large(file, error, max_points) from error
@@ -126,41 +133,64 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
     return frames
 
 
-def _report_order(folder: Path, files: list[Path]) -> None:
+def _report(folder: Path, files: list[Path], organised: bool) -> None:
+    """Warn of what is not plain in the frames of a folder."""
     order = in_order([file.name for file in files])
     if order.doubt:
         _log.warning("%s: %s", folder, order.message())
-    if files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
-        kind = files[0].suffix.lower()
-        if left_out := [
-            file.name for file in visible_files(folder) if file not in files and file.suffix.lower() == kind
-        ]:
-            more = ", ..." if len(left_out) > 3 else ""
-            _log.warning("%s: %s hold no points and are left out", folder, ", ".join(left_out[:3]) + more)
+    kind = files[0].suffix.lower()
+    others = [file.name for file in input_files(folder) if file not in files and file.suffix.lower() == kind]
+    if others and kind in AMBIGUOUS_SUFFIXES:
+        _log.warning("%s: %s hold no points and are left out", folder, _first(others))
+    if missing := left_out(folder, (kind,)):
+        _log.warning("%s: left out %s", folder, _first(missing))
+    if organised:
+        _log.warning(
+            "%s: took each .npy for the rows and columns of one frame; "
+            "where each is a whole sequence, give the folder to `reart run --data`",
+            folder,
+        )
+
+
+def _first(names: list[str]) -> str:
+    """At most three names in one line."""
+    return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
 
 
 def _without_frames(folder: Path) -> str:
     """What is wrong with a folder without frames."""
-    others = [file.name for file in visible_files(folder)]
+    others = [file.name for file in input_files(folder)]
     if folders := frame_folders(folder):
         return folders
-    nested = [(below, frame_files(below)) for below in visible_folders(folder)[:_LOOKED_INTO]]
+    nested = _frames_below(folder)
     if sequences := [below.name for below, files in nested if len(files) > 1]:
         return (
             f"found no frames, but folders with frames ({', '.join(sequences[:3])}), expected one of them; "
             "give that, or all of them to `reart run --data`"
         )
-    more = ", ..." if len(others) > 3 else ""
-    found = f"no frame among {', '.join(others[:3])}{more}" if others else "an empty folder"
+    if missing := left_out(folder, FRAME_SUFFIXES):
+        return f"found no frames but {_first(missing)}, {_EXPECTED}; fetch or rename the files"
+    odd = next((file for file in input_files(folder) if file.suffix.lower() in AMBIGUOUS_SUFFIXES), None)
+    if odd is not None and (reason := _why_no_frame(odd)):
+        return f"found no frame among {_first(others)}, {_EXPECTED}; {odd.name}: {reason}"
+    found = f"no frame among {_first(others)}" if others else "an empty folder"
     if not others and nested:
         found = f"only folders without frames ({', '.join(below.name for below, _ in nested[:3])})"
     return f"found {found}, {_EXPECTED}; convert the files or check the path"
 
 
+def _why_no_frame(file: Path) -> str:
+    """What is wrong with a file that may have been meant as a frame."""
+    try:
+        read_points(file)
+    except InputError as error:
+        return str(error).removeprefix(f"{file}: ")
+    return ""
+
+
 def frame_folders(folder: Path) -> str:
     """What is wrong with a folder whose sub-folders hold one frame each; empty for any other."""
-    nested = [files for below in visible_folders(folder)[:_LOOKED_INTO] if (files := frame_files(below))]
-    nested = [files for files in nested if axes(files[0]) == 2]
+    nested = [files for _, files in _frames_below(folder) if files and axes(files[0]) == 2]
     if len(nested) < 2 or any(len(files) > 1 for files in nested):
         return ""
     first, second = (files[0] for files in nested[:2])
@@ -169,6 +199,15 @@ def frame_folders(folder: Path) -> str:
         "expected all frames side by side in one folder; move them there and name them by their folders "
         f"({first.parent.name}{first.suffix}, {second.parent.name}{second.suffix}, ...)"
     )
+
+
+def _frames_below(folder: Path) -> list[tuple[Path, list[Path]]]:
+    """The first sub-folders that can be listed, and the frames in each."""
+    found = []
+    for below in visible_folders(folder)[:_LOOKED_INTO]:
+        with suppress(InputError):
+            found.append((below, frame_files(below)))
+    return found
 
 
 def _read_stack(path: Path, every: int, max_points: int) -> list[Frame]:
@@ -199,6 +238,8 @@ def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points
     except OSError as error:
         raise unreadable(path, error) from error
     except ValueError as error:
+        if found := disguise(path):
+            raise InputError(f"{path}: {found}") from error
         raise InputError(
             f"{path}: cannot be read as .npy ({one_line(error)}), expected plain numbers; save it with np.save"
         ) from error

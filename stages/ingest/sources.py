@@ -18,10 +18,10 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import is_file, is_folder, visible_entries
+from stages.ingest.listing import input_files, is_file, is_folder, is_own_output, left_out, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
-from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES
+from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES
 from stages.ingest.readers import Frame, axes, check_every, frame_files, frame_folders, read_frames
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.truth import read_truth, truth_files
@@ -186,11 +186,12 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
         return _urdf_sources(config.roboart.sequences_per_robot, data)
     if is_file(data) or _is_sequence(data, certainly=True):
         return [file_source(data)]
-    found = [file_source(entry) for entry in visible_entries(data) if _is_sequence(entry)]
-    if not any(_holds_many(source.frames_path) for source in found) and (folders := frame_folders(data)):
-        raise InputError(f"{data}: {folders}")
-    if not found and _is_sequence(data):
-        return [file_source(data)]
+    found = [source for entry in visible_entries(data) if (source := _source_at(entry))]
+    if not any(_holds_many(source.frames_path) for source in found):
+        if folders := frame_folders(data):
+            raise InputError(f"{data}: {folders}")
+        if _is_sequence(data):
+            return [file_source(data)]
     if not found:
         raise InputError(
             f"{data}: found no sequence, expected sub-folders with .ply, .pcd, .xyz, .txt, .csv, .pts or .npy frames, "
@@ -258,10 +259,22 @@ def file_source(path: Path) -> FileSource:
     return FileSource(_safe_name(sequence.name), frames, truth)
 
 
+def _source_at(entry: Path) -> FileSource | None:
+    """The sequence at an entry of a data set; one that fails when it is loaded where the system tells us nothing."""
+    try:
+        if not _is_sequence(entry):
+            return None
+        return file_source(entry) if entry.exists() else FileSource(_safe_name(entry.stem), entry)
+    except InputError:
+        return FileSource(_safe_name(entry.name), entry)
+
+
 def _is_sequence(path: Path, certainly: bool = False) -> bool:
     if is_folder(path):
-        return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME)
-    return path.name != _TRUTH_NAME and axes(path) == 3
+        return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME) or _is_unfetched(path, certainly)
+    if path.name == _TRUTH_NAME or is_own_output(path) or not (is_file(path) or path.is_symlink()):
+        return False
+    return axes(path) in (0, 3)
 
 
 def _holds_frames(folder: Path, certainly: bool = False) -> bool:
@@ -269,11 +282,22 @@ def _holds_frames(folder: Path, certainly: bool = False) -> bool:
     files = frame_files(folder) if is_folder(folder) else []
     if files and files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
         return len(files) > 1 and not certainly
-    return any(axes(file) == 2 for file in files)
+    kinds = {axes(file) for file in files}
+    if kinds == {0}:
+        return all(axes(file) != 3 for file in input_files(folder))
+    return 2 in kinds
+
+
+def _is_unfetched(folder: Path, certainly: bool) -> bool:
+    """Whether a folder without other files holds links to frames that are not there."""
+    return not certainly and not input_files(folder) and bool(left_out(folder, FRAME_SUFFIXES, hidden=False))
 
 
 def _holds_many(path: Path) -> bool:
-    return not is_folder(path) or len(frame_files(path)) > 1
+    try:
+        return not is_folder(path) or len(frame_files(path)) > 1
+    except InputError:
+        return False
 
 
 def _safe_name(name: str) -> str:

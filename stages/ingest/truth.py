@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pydantic import BaseModel, Field, ValidationError
 
-from schemas.errors import InputError
+from schemas.artifact import GREATEST
+from schemas.errors import InputError, first_fault
 from schemas.sequence import TrueJoint
 from stages.ingest.formats.arrays import load_npz
 from stages.ingest.listing import is_file, is_folder
@@ -19,7 +20,7 @@ from stages.ingest.messages import unreadable
 from stages.ingest.roboart_pickles import pickles, read_transforms
 
 _RIGID_TOLERANCE = 1e-3  # files in single precision pass, a scaled or sheared transform does not
-_LARGEST = 1e100  # beyond this, products of input lengths come too near to float64's end
+_OTHER_NUMBERS = 100_000_000  # in the transforms of a file
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,6 @@ def truth_files(path: Path) -> list[Path]:
     if is_folder(path):
         return pickles(path)
     return [file for file in (path, path.with_suffix(".json")) if is_file(file)]
-
-
-_OTHER_NUMBERS = 100_000_000  # in the transforms of a file
 
 
 def read_truth(path: Path, point_counts: Sequence[int]) -> RawTruth:
@@ -96,7 +94,7 @@ def _check_transforms(Ts: Any, leading: tuple[int, int], where: str) -> None:
         raise InputError(f"{where}: found shape {Ts.shape}, expected {(*leading, 4, 4)}; give one for every part")
     R = Ts[..., :3, :3]
     rigid = (
-        (np.abs(Ts) < _LARGEST).all()  # NaN fails too
+        (np.abs(Ts) < GREATEST).all()  # NaN fails too
         and (np.abs(R) < 2).all()  # so that the products below cannot overflow
         and (np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)) < _RIGID_TOLERANCE).all()
         and (np.linalg.det(R) > 0).all()
@@ -127,7 +125,7 @@ def _check_joint(joint: TrueJoint, frames: int, parts: int, where: str) -> None:
     if len(joint.states) != frames:
         raise InputError(f"{where}: found {len(joint.states)} states, expected one for each of {frames} frames")
     numbers = np.array([*joint.axis, *joint.point, *joint.states])
-    if not (np.abs(numbers) < _LARGEST).all() or abs(np.linalg.norm(joint.axis) - 1) > _RIGID_TOLERANCE:
+    if not (np.abs(numbers) < GREATEST).all() or abs(np.linalg.norm(joint.axis) - 1) > _RIGID_TOLERANCE:
         raise InputError(f"{where}: expected finite numbers and an axis of unit length; correct it")
 
 
@@ -184,9 +182,7 @@ def _read_tree(path: Path) -> _TreeFile | None:
     try:
         return _TreeFile.model_validate_json(path.read_bytes())
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(key) for key in first["loc"]) or "the file"
-        raise InputError(f"{path}: {field}: {first['msg']}; expected root, edges_child_parent and links") from error
+        raise InputError(f"{path}: {first_fault(error)}; expected root, edges_child_parent and links") from error
     except OSError as error:
         raise unreadable(path, error) from error
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-import open3d as o3d
 from jaxtyping import Bool, Float, Float64, Int64
 from scipy.ndimage import binary_fill_holes, maximum_filter
 from scipy.spatial import ConvexHull
 
 from stages.kernels.nearest import KDTree, neighbours
+from stages.kernels.open3d_library import load_open3d
 
 STEPS_PER_RADIUS = 3  # grid steps in the ball's radius; slabs are two steps thick
 MOST_NODES = 100_000  # of the grid; a larger thing gets a coarser one
@@ -92,7 +92,10 @@ def contour(field: Float64[np.ndarray, "x y z"], origin: Float64[np.ndarray, "3"
 
 
 def decimated(mesh: Mesh, triangles: int) -> Mesh:
-    """About so many triangles by quadric edge collapse; more where fewer would tear a closed mesh open."""
+    """About so many triangles by quadric edge collapse; more where fewer would tear a closed mesh open.
+
+    Raises Open3DError where Open3D cannot be loaded.
+    """
     while triangles < len(mesh.triangles):
         coarse = _simplified(mesh, triangles)
         if coarse.closed or not mesh.closed:
@@ -102,6 +105,7 @@ def decimated(mesh: Mesh, triangles: int) -> Mesh:
 
 
 def _simplified(mesh: Mesh, triangles: int) -> Mesh:
+    o3d = load_open3d()
     legacy = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.triangles.astype(np.int32))
     )

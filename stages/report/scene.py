@@ -14,6 +14,7 @@ from schemas.robot import Robot
 from stages.kernels.colours import distinct_colours, hexadecimal
 from stages.kernels.meshing import Mesh, decimated
 from stages.kernels.sampling import normals, spacing, thinned
+from stages.open3d_use import needing_open3d
 
 MOST_POINTS = 20_000  # of the canonical cloud that are shown
 MOST_FRAME_POINTS = 250_000  # of all frames together, and so many at most of each
@@ -80,6 +81,7 @@ def scene_data(
     }
 
 
+@needing_open3d("meshes of parts")
 def part_meshes(robot: Robot) -> list[Mesh]:
     """Each part's visible mesh in the model's coordinates, coarser where all together would make a page too large."""
     found: list[Mesh] = [Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)) for _ in robot.links]

@@ -191,6 +191,17 @@ def test_an_artifact_that_cannot_be_looked_into_fails_its_sequence_only(copy):
     assert "Traceback" not in copy.reart(*STATUS).stderr
 
 
+def test_every_failure_is_told_though_one_of_them_cannot_be_looked_into(copy):
+    folder = copy.workdir / "scans" / "box"
+    shutil.rmtree(folder)
+    folder.symlink_to(folder.name)
+    outcome = copy.reart(*RUN)
+    assert outcome.returncode == 1
+    errors = outcome.stderr.splitlines()
+    assert [error.split()[1] for error in errors] == ["box", "flat"]
+    assert "Too many levels of symbolic links" in errors[0]
+
+
 def test_an_input_that_goes_while_the_rest_is_computed_is_evaluated_all_the_same(fresh):
     (fresh.folder / "mine.py").write_text(
         "import shutil\nfrom stages.flow.geometric import estimate_geometric as flow\n"

@@ -1,5 +1,6 @@
 import json
 import os
+import threading
 
 import pytest
 
@@ -25,11 +26,43 @@ def test_what_was_delivered_is_whole_until_a_file_is_changed_or_gone(tmp_path):
     ]
 
 
-def test_the_first_file_comes_last_after_the_record(tmp_path, monkeypatch):
+def instead_of_writing(monkeypatch, act):
+    for module in ("pipeline.delivery", "pipeline.files"):
+        monkeypatch.setattr(f"{module}.write_atomically", act)
+
+
+def test_the_model_comes_last_after_the_record_and_both_of_its_files_together(tmp_path, monkeypatch):
     written = []
-    monkeypatch.setattr("pipeline.delivery.write_atomically", lambda path, content: written.append(path.name))
+    instead_of_writing(monkeypatch, lambda path, content: written.append(path.name))
     deliver(tmp_path, {"model.json": b"", "model.npz": b"", "meshes/a.stl": b"", "meshes/b.stl": b""})
-    assert written == ["b.stl", "a.stl", "model.npz", RECORD, "model.json"]
+    assert written == ["b.stl", "a.stl", RECORD, "model.npz", "model.json"]
+
+
+def test_two_deliveries_into_one_folder_do_not_mix(tmp_path):
+    models = [{"model.json": word, "model.npz": word, "report.html": word} for word in (b"a", b"b")]
+
+    def repeat(model):
+        for _ in range(30):
+            deliver(tmp_path, model)
+
+    threads = [threading.Thread(target=repeat, args=(model,)) for model in models]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert check_delivery(tmp_path) == []
+    assert len({(tmp_path / name).read_bytes() for name in models[0]}) == 1
+
+
+def test_a_folder_or_pipe_in_a_files_place_is_told_and_not_read(tmp_path):
+    deliver(tmp_path, {"model.json": b"{}", "report.html": b""})
+    (tmp_path / "report.html").unlink()
+    os.mkfifo(tmp_path / "report.html")
+    assert check_delivery(tmp_path) == ["report.html: missing"]
+    (tmp_path / "model.json").unlink()
+    (tmp_path / "model.json").mkdir()
+    with pytest.raises(InputError, match="found a folder"):
+        deliver(tmp_path, {"model.json": b"{}"})
 
 
 def test_a_delivery_adds_to_what_another_command_delivered(tmp_path):
@@ -79,7 +112,8 @@ def test_a_planted_record_removes_nothing_outside(tmp_path, name):
     (folder / RECORD).write_bytes(sealed(json.dumps(record).encode()))
     with pytest.raises(InputError, match="found the name"):
         check_delivery(folder)
-    deliver(folder, {"robot.urdf": b""}, obsolete=[name])
+    with pytest.raises(InputError, match="found the name"):
+        deliver(folder, {"robot.urdf": b""}, obsolete=[name])
     assert victim.exists()
 
 
@@ -92,6 +126,8 @@ def test_every_flipped_byte_of_the_record_is_noticed(tmp_path):
         (tmp_path / RECORD).write_bytes(flipped)
         with pytest.raises(InputError, match=RECORD):
             check_delivery(tmp_path)
+    with pytest.raises(InputError, match="remove it"):  # and no delivery hides the damage by a new one
+        deliver(tmp_path, {"robot.urdf": b""})
 
 
 def test_without_a_record_nothing_is_told(tmp_path):
@@ -105,7 +141,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_delivery_usable(tmp_path, monkey
     def full(path, content):
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr("pipeline.delivery.write_atomically", full)
+    instead_of_writing(monkeypatch, full)
     with pytest.raises(OSError, match="No space left"):
         deliver(tmp_path, {"model.json": b"new", "model.npz": b"new"})
     monkeypatch.undo()

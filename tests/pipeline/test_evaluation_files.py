@@ -12,6 +12,7 @@ from pipeline.comparison import compare
 from pipeline.evaluation_files import default_folder, write_evaluation
 from pipeline.scores import gather
 from pipeline.tasks import EvaluationTask, ReportTask
+from schemas.errors import InputError
 from schemas.scores import MissingScore, Scores
 
 
@@ -124,12 +125,15 @@ def test_an_earlier_evaluation_names_no_file_outside_the_folder(evaluated, writt
     assert all((folder / f"victim{e}").exists() for folder in (tmp_path, out.parent) for e in (".html", ".png"))
 
 
-def test_pages_are_not_removed_through_a_link(evaluated, written, tmp_path):
+def test_pages_are_neither_written_nor_removed_through_a_link(evaluated, written, tmp_path):
     _, out = written
     (out / "sequences").rename(tmp_path / "elsewhere")
     (out / "sequences").symlink_to(tmp_path / "elsewhere")
-    write_evaluation(gather(evaluated.request("ur5")), evaluated.workdir, out)
+    (tmp_path / "elsewhere" / "ur5.html").write_text("mine")
+    with pytest.raises(InputError, match="symbolic link"):
+        write_evaluation(gather(evaluated.request("ur5")), evaluated.workdir, out)
     assert (tmp_path / "elsewhere" / "bolt.html").exists()
+    assert (tmp_path / "elsewhere" / "ur5.html").read_text() == "mine"
 
 
 def test_a_sequence_whose_evaluation_is_damaged_keeps_its_page_until_it_is_gone(evaluated, written):

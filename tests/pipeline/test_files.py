@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from pipeline.files import PARTIAL, open_fresh, write_atomically
+from pipeline.files import PARTIAL, open_fresh, write_atomically, write_files
 
 
 def names(folder):
@@ -86,3 +86,11 @@ def test_a_folder_at_a_logs_path_is_told(tmp_path):
     (tmp_path / "log").mkdir()
     with pytest.raises(OSError, match="log"):
         open_fresh(tmp_path / "log")
+
+
+def test_the_first_file_is_written_last(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr("pipeline.files.write_atomically", lambda path, content: written.append(path.name))
+    write_files(tmp_path, {"robot.urdf": b"", "meshes/a.stl": b"", "meshes/b.stl": b""})
+    assert written[-1] == "robot.urdf"
+    assert (tmp_path / "meshes").is_dir()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline import store
-from pipeline.model_folder import frames_of_model, read_model_folder, write_beside
+from pipeline.model_folder import frames_of_model, read_model_folder
 from schemas.errors import InputError
 from schemas.manifest import Provenance
 from stages.result import result_files
@@ -125,14 +125,6 @@ def test_a_model_of_another_version_is_refused(folder):
     edit(folder, lambda content: content.update(version=3))
     with pytest.raises(InputError, match=r"version: .*\(found 3\); expected a model of version 1 or 2"):
         read_model_folder(folder)
-
-
-def test_the_first_file_is_written_last(tmp_path, monkeypatch):
-    written = []
-    monkeypatch.setattr("pipeline.model_folder.write_atomically", lambda path, content: written.append(path.name))
-    write_beside(tmp_path, {"robot.urdf": b"", "meshes/a.stl": b"", "meshes/b.stl": b""})
-    assert written[-1] == "robot.urdf"
-    assert (tmp_path / "meshes").is_dir()
 
 
 def test_a_model_of_an_earlier_release_tells_no_digests_and_is_read(folder, samples):

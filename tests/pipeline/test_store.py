@@ -280,7 +280,7 @@ KILLED_WRITER = textwrap.dedent(
                 return function(*arguments, **named)
             return wrapper
         for module, name in (
-            (store, "pack"), (store, "_digest"), (store, "_sync"), (os, "rename"), (shutil, "rmtree"),
+            (store, "pack"), (store, "sha256"), (store, "_sync"), (os, "rename"), (shutil, "rmtree"),
             (Path, "mkdir"), (Path, "write_bytes"), (Path, "write_text"), (zarr.Group, "create_array"),
         ):
             setattr(module, name, counted(getattr(module, name)))

@@ -9,7 +9,7 @@ import math
 import zipfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Any
@@ -17,12 +17,14 @@ from typing import IO, Any
 import numpy as np
 
 from schemas.errors import InputError
+from stages.ingest.formats.disguises import disguise
 from stages.ingest.formats.rows import Points
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, unreadable
 
 _MOST_COLUMNS = 16  # more are an image's, not a point's coordinates, colour and normal
 _MOST_BYTES = 2 << 30
-_ROWS_AT_ONCE = 1 << 20
+_BLOCK = 1 << 22  # bytes
+_MOST_BYTES_OF_POINT = 1 << 16
 # what numpy's parser raises beside ValueError for a damaged header
 _HEADER_ERRORS = (SyntaxError, TypeError, OverflowError, TokenError, RecursionError)
 PER_FRAME = "save one .npy for each frame in a folder"
@@ -90,9 +92,21 @@ def map_array(path: Path) -> np.ndarray:
     except ValueError as error:
         if "Python objects" in str(error):  # numpy's advice is to unpickle
             raise ValueError(f"found Python objects, which are never unpickled; {PER_FRAME}") from error
+        if "magic string" in str(error):
+            raise ValueError("found no .npy header") from error
         raise
     except _HEADER_ERRORS as error:
         raise ValueError(f"found a damaged header ({one_line(error)})") from error
+
+
+def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """The shape and the type that a .npy file declares, whether it is whole or not. Raises ValueError or OSError."""
+    with path.open("rb") as file:
+        try:
+            shape, _, dtype = _header(file)
+        except _HEADER_ERRORS as error:
+            raise ValueError(f"found a damaged header ({one_line(error)})") from error
+    return shape, dtype
 
 
 def read_npy(path: Path, most: int) -> Points:
@@ -100,6 +114,13 @@ def read_npy(path: Path, most: int) -> Points:
     array = map_array(path)
     check_count(len(array) if array.ndim else 0, most)
     return as_points(np.asarray(array))
+
+
+def read_organised(path: Path, most: int) -> Points:
+    """The points of a .npy file of the rows and columns of one frame, as `read_npy`."""
+    array = map_array(path)
+    check_count(math.prod(array.shape[:2]), most)
+    return as_points(np.asarray(array).reshape(-1, *array.shape[2:]))
 
 
 def load_npz(path: Path, wanted: Collection[str] | None = None, most_bytes: int = _MOST_BYTES) -> dict[str, np.ndarray]:
@@ -130,38 +151,30 @@ class Archive:
 
     def read(self, member: Member) -> np.ndarray:
         """A whole array. Its size is to be checked before."""
-        with self._data(member) as file:
-            data = _exactly(file, member.nbytes)
-            array = np.frombuffer(data, member.dtype).reshape(member.shape, order="F" if member.fortran else "C")
+        data = bytearray(member.nbytes)
+        with self._data(member) as file, memoryview(data) as view:
+            for start in range(0, len(data), _BLOCK):
+                view[start : start + _BLOCK] = _exactly(file, min(_BLOCK, len(data) - start))
             file.read(1)  # the end, where zipfile checks the sum
-        return array.copy()
+        return np.frombuffer(data, member.dtype).reshape(member.shape, order="F" if member.fortran else "C")
 
     def read_frames(self, member: Member, step: int, most: int) -> Iterator[Points]:
-        """The points of every `step`-th entry of the first axis of (frames, points, 3 or more), one by one."""
+        """The points of every `step`-th entry of the first axis of (frames, points, 3 or more), one by one.
+
+        Beside them only a block is held, whatever else the array holds.
+        """
         frames, count = member.points_shape[:2]
         check_count(count * len(range(0, frames, step)), most)
-        if member.fortran:
-            yield from (as_points(frame) for frame in self.read(member)[::step])
-            return
-        columns = member.shape[2:]
+        _check_width(member)
         with self._data(member) as file:
-            for index in range(frames):
-                wanted = index % step == 0
-                frame = np.empty((count if wanted else 0, 3))
-                for start in range(0, count, _ROWS_AT_ONCE):
-                    rows = min(_ROWS_AT_ONCE, count - start)
-                    data = _exactly(file, rows * math.prod(columns) * member.dtype.itemsize)
-                    if wanted:
-                        block = np.frombuffer(data, member.dtype).reshape(rows, *columns)
-                        frame[start : start + rows] = _coordinates(block)
-                if wanted:
-                    yield frame
-            file.read(1)
+            yield from (_by_columns if member.fortran else _by_rows)(file, member, (frames, count), step)
+            while file.read(_BLOCK):  # to the end, where zipfile checks the sum
+                pass
 
     def read_frame(self, member: Member, most: int) -> Points:
-        """The points of an array of (points, 3 or more)."""
-        check_count(member.shape[0], most)
-        return as_points(self.read(member))
+        """The points of an array of (points, 3 or more), as `read_frames`."""
+        (points,) = self.read_frames(replace(member, shape=(1, *member.shape)), 1, most)
+        return points
 
     def _member(self, info: zipfile.ZipInfo) -> Member:
         name = info.filename.removesuffix(".npy")
@@ -169,12 +182,7 @@ class Archive:
             return Member(name, problem="is no array")
         with self._zip.open(info) as file:
             try:
-                version = np.lib.format.read_magic(file)
-                if version not in ((1, 0), (2, 0)):
-                    return Member(name, problem=f"is of the unknown .npy version {version}")
-                reads = np.lib.format
-                read_header = reads.read_array_header_1_0 if version == (1, 0) else reads.read_array_header_2_0
-                shape, fortran, dtype = read_header(file)
+                shape, fortran, dtype = _header(file)
             except (ValueError, *_HEADER_ERRORS) as error:
                 return Member(name, problem=f"is no array ({one_line(error)})")
             member = Member(name, shape, dtype, fortran, file.tell(), info)
@@ -210,9 +218,64 @@ def open_npz(path: Path) -> Iterator[Archive]:
     except MemoryError as error:
         raise out_of_memory(path) from error
     except Exception as error:  # zip and its compressors have many ways to say that a file is damaged
+        if (found := disguise(path)) and not zipfile.is_zipfile(path):
+            raise InputError(f"{path}: {found}") from error
         raise InputError(
             f"{path}: cannot be read as .npz ({one_line(error)}), expected plain numeric arrays; save it with np.savez"
         ) from error
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """The shape, whether it is in Fortran's order, and the type at a .npy's start."""
+    version = np.lib.format.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"it is of the unknown .npy version {version}")
+    reads = np.lib.format
+    return reads.read_array_header_1_0(file) if version == (1, 0) else reads.read_array_header_2_0(file)
+
+
+def _check_width(member: Member) -> None:
+    width = member.dtype.itemsize * math.prod(member.shape[2:])
+    if width > _MOST_BYTES_OF_POINT:
+        raise ValueError(
+            f"'{member.name}' declares {width:,} bytes for each point, expected at most {_MOST_BYTES_OF_POINT:,}"
+        )
+
+
+def _by_rows(file: IO[bytes], member: Member, shape: tuple[int, int], step: int) -> Iterator[Points]:
+    """Every `step`-th of (frames, points) whose points lie one after the other."""
+    frames, count = shape
+    columns = member.shape[2:]
+    width = member.dtype.itemsize * math.prod(columns)
+    at_once = max(_BLOCK // max(width, 1), 1)
+    for index in range(frames):
+        wanted = index % step == 0
+        frame = np.empty((count if wanted else 0, 3))
+        for start in range(0, count, at_once):
+            rows = min(at_once, count - start)
+            data = _exactly(file, rows * width)
+            if wanted:
+                block = np.frombuffer(data, member.dtype).reshape(rows, *columns)
+                frame[start : start + rows] = _coordinates(block)
+        if wanted:
+            yield frame
+
+
+def _by_columns(file: IO[bytes], member: Member, shape: tuple[int, int], step: int) -> Iterator[Points]:
+    """Every `step`-th of (frames, points) in Fortran's order: the first points of all frames, the second ones, ..."""
+    frames, count = shape
+    points = np.empty((len(range(0, frames, step)), count, 3))
+    at_once = max(_BLOCK // max(member.dtype.itemsize, 1), 1)
+    for column in range(1 if member.dtype.names else 3):
+        for start in range(0, frames * count, at_once):
+            entries = np.arange(start, min(start + at_once, frames * count))
+            block = np.frombuffer(_exactly(file, len(entries) * member.dtype.itemsize), member.dtype)
+            point, frame = np.divmod(entries, frames)
+            wanted = frame % step == 0
+            place = slice(None) if member.dtype.names else column
+            values = _coordinates(block) if member.dtype.names else block
+            points[frame[wanted] // step, point[wanted], place] = values[wanted]
+    yield from points
 
 
 def _coordinates(array: np.ndarray) -> np.ndarray:

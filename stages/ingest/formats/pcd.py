@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from schemas.errors import InputError
 from stages.ingest.formats.rows import (
     Column,
     Points,
@@ -23,7 +22,9 @@ from stages.ingest.formats.rows import (
     split_header,
     text_lines,
 )
-from stages.ingest.messages import check_count, one_line
+from stages.ingest.messages import check_count
+from stages.kernels.open3d_library import load_open3d
+from stages.open3d_use import needing_open3d
 
 
 def read_pcd(path: Path, most: int) -> Points:
@@ -83,13 +84,8 @@ def _from_compressed(path: Path, rows: Rows, start: int, most: int) -> Points:
     width = sum(np.dtype(column.dtype).itemsize * column.values for column in rows.columns)
     if len(sizes) < 8 or held < packed or unpacked != rows.count * width:
         raise ValueError(f"found {held} bytes, not the {rows.count} points that it declares")
-    try:
-        import open3d  # slow to import, and needed for this one format only
-    except Exception as error:  # a missing system library is an OSError, one built for another numpy anything
-        raise InputError(
-            f"{path}: is a compressed PCD, which takes Open3D to read, and Open3D cannot be loaded here "
-            f"({one_line(error)}); save the clouds as uncompressed PCD or as PLY, or mend Open3D's installation"
-        ) from error
+    with needing_open3d(f"{path}: save the clouds as uncompressed PCD or as PLY, since this one takes Open3D"):
+        open3d = load_open3d()
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         cloud = open3d.io.read_point_cloud(path, remove_nan_points=False, remove_infinite_points=False)
     points = np.array(cloud.points, dtype=np.float64)

@@ -62,14 +62,18 @@ def robot_description(name: str, assets: Path | None = None) -> Description:
 def own_descriptions(path: Path) -> list[tuple[str, Description]]:
     """The descriptions in a user's folder by name: its .urdf files, and those one level down, each in natural order.
 
-    A sub-folder that holds one gives it its name, as in 100129/mobility.urdf; one of several is FOLDER-FILE. `path` may
-    be a URDF file, too. Raises InputError where there is none, or a folder cannot be listed.
+    A sub-folder that holds one gives it its name, as in 100129/mobility.urdf; one of several is FOLDER-FILE. One
+    that cannot be listed stands for a description that cannot be read. `path` may be a URDF file, too. Raises
+    InputError where there is none, or `path` cannot be listed.
     """
     if path.is_file():
         return [(path.stem, _own(path))]
     found = [(file.stem, _own(file)) for file in _urdfs(path)]
     for folder in visible_folders(path):
-        files = _urdfs(folder)
+        try:
+            files = _urdfs(folder)
+        except InputError:
+            files = [folder]  # reading it tells what is wrong
         found += [(folder.name if len(files) == 1 else f"{folder.name}-{file.stem}", _own(file)) for file in files]
     if not found:
         raise InputError(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from schemas.errors import InputError
+from schemas.errors import InputError, quoted
 
 MOST_URDF_MIB = 64
 
@@ -31,8 +31,11 @@ def read_xml(urdf_path: Path) -> ElementTree.Element:
 
 
 def mesh_references(urdf_path: Path) -> list[str]:
-    """The mesh file names of a URDF as written there, without repeats, in alphabetical order."""
-    return sorted({mesh.get("filename", "") for mesh in read_xml(urdf_path).iter("mesh")})
+    """The mesh file names of a URDF as written there, without repeats, in alphabetical order.
+
+    A mesh without one is left to `check_urdf`, which tells its link.
+    """
+    return sorted({name for mesh in read_xml(urdf_path).iter("mesh") if (name := mesh.get("filename"))})
 
 
 def resolve_mesh(reference: str, urdf_path: Path, mesh_dirs: Sequence[Path]) -> Path:
@@ -50,4 +53,4 @@ def resolve_mesh(reference: str, urdf_path: Path, mesh_dirs: Sequence[Path]) -> 
         if os.path.isfile(path):  # unlike Path.is_file it takes a name that no file can have for one that is not there
             return path
     looked = " or ".join(str(path) for path in candidates) or "no folder, as none was given"
-    raise InputError(f"{urdf_path}: mesh {reference!r} not found, looked for {looked}; restore that file")
+    raise InputError(f"{urdf_path}: mesh {quoted(reference)} not found, looked for {looked}; restore that file")

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from schemas.errors import InputError
+from schemas.errors import InputError, quoted
 from stages.ingest.roboart.collada_check import check_collada
 from stages.ingest.roboart.urdf import import_extra
-from stages.ingest.roboart.urdf_check import GREATEST
+from stages.ingest.roboart.urdf_check import GREATEST_METRES
 
 Triangles = Float64[np.ndarray, "triangles 3 3"]
 
@@ -29,7 +29,7 @@ def read_mesh(path: Path, reference: str, urdf_path: Path, max_mib: float) -> Tr
     A .dae's up-axis is ignored, as in ROS: URDFs count on that. Raises InputError, which names the URDF and the mesh,
     for another format, more than `max_mib`, and what cannot be read or holds no finite triangles.
     """
-    where = f"{urdf_path}: mesh {reference!r}"
+    where = f"{urdf_path}: mesh {quoted(reference)}"
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise InputError(f"{where}: found {suffix or 'no suffix'}, expected one of {', '.join(FORMATS)}; convert it")
@@ -92,8 +92,8 @@ def _triangles(trimesh: Any, content: bytes, suffix: str) -> Triangles:
 
 
 def _check_numbers(p: np.ndarray) -> None:
-    if p.size and not np.abs(p).max() <= GREATEST:
-        raise ValueError(f"found NaN, infinity or numbers beyond {GREATEST:g}, expected coordinates")
+    if p.size and not np.abs(p).max() <= GREATEST_METRES:
+        raise ValueError(f"found NaN, infinity or numbers beyond {GREATEST_METRES:g}, expected coordinates")
 
 
 def _without_doubles(triangles: Triangles) -> Triangles:

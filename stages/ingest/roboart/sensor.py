@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from stages.ingest.roboart.surface import Surface, sample_triangles
+from stages.kernels.open3d_library import load_open3d
+from stages.open3d_use import needing_open3d
 
 Points = Float64[np.ndarray, "points 3"]
 Labels = Int64[np.ndarray, "points"]
@@ -61,12 +63,12 @@ def posed_triangles(surface: Surface, Ts_world_part: Poses) -> Float64[np.ndarra
     return surface.triangles @ np.swapaxes(Ts[:, :3, :3], -1, -2) + Ts[:, None, :3, 3]
 
 
+@needing_open3d("roboart.viewpoints")
 def _line_of_sight(
     triangles: Float64[np.ndarray, "triangles 3 3"], p_viewpoints: Float64[np.ndarray, "viewpoints 3"]
 ) -> Callable[[Points], Bool[np.ndarray, "points"]]:
     """Which points at least one viewpoint sees past the triangles."""
-    import open3d  # takes a second, and only partial views need it
-
+    open3d = load_open3d()
     tensor = open3d.core.Tensor.from_numpy
     corners = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)

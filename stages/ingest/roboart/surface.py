@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from schemas.errors import InputError
+from schemas.errors import InputError, quoted
 from stages.ingest.roboart.mesh_files import resolve_mesh
 from stages.ingest.roboart.mesh_reading import Triangles, read_mesh
 from stages.ingest.roboart.urdf import Robot, import_extra
-from stages.ingest.roboart.urdf_check import GREATEST
+from stages.ingest.roboart.urdf_check import GREATEST_METRES
 
 MOST_TRIANGLES = 20_000_000  # of a whole description: 1.4 GB
 
@@ -71,13 +71,13 @@ def link_triangles(
         nonlocal total
         pieces = [np.empty((0, 3, 3))]
         for shape in robot.visuals[link] if seen[top_link[link]] else robot.collisions[link]:
-            made = _shape_triangles(shape.geometry, mesh, f"{urdf_path}: link {robot.links[link]!r}")
+            made = _shape_triangles(shape.geometry, mesh, f"{urdf_path}: link {quoted(robot.links[link])}")
             pieces.append(move(shape.T_link_shape, made))
             total += len(made)
             if total > MOST_TRIANGLES:
                 raise InputError(
-                    f"{urdf_path}: link {robot.links[link]!r}: found more than {MOST_TRIANGLES:,} triangles in all "
-                    "links up to this, expected fewer; simplify the meshes, or name each of them less often"
+                    f"{urdf_path}: link {quoted(robot.links[link])}: found more than {MOST_TRIANGLES:,} triangles in "
+                    "all links up to this, expected fewer; simplify the meshes, or name each of them less often"
                 )
         return np.concatenate(pieces)
 
@@ -91,9 +91,9 @@ def _shape_triangles(geometry: Any, mesh: Callable[[str], Triangles], where: str
     name, sizes, made = _made(geometry, mesh)
     if name != "mesh" and np.min(sizes) < 0:
         raise InputError(f"{where}: found a <{name}> of size {sizes}, expected none below zero; correct the URDF")
-    if not 0 < areas(made).sum() < np.inf or np.abs(made).max() > GREATEST:
+    if not 0 < areas(made).sum() < np.inf or np.abs(made).max() > GREATEST_METRES:
         raise InputError(
-            f"{where}: found a <{name}> of size {sizes} with no surface or one beyond {GREATEST:g} m, "
+            f"{where}: found a <{name}> of size {sizes} with no surface or one beyond {GREATEST_METRES:g} m, "
             "expected one that can be seen; correct the URDF"
         )
     return made

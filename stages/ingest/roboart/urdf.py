@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from schemas.errors import InputError
+from schemas.errors import InputError, quoted
 from stages.ingest.roboart.mesh_files import read_xml
-from stages.ingest.roboart.urdf_check import check_urdf
+from stages.ingest.roboart.urdf_check import check_urdf, pruned
 
 JointKind = Literal["fixed", "revolute", "prismatic"]
 
@@ -88,10 +90,11 @@ def read_urdf(urdf_path: Path) -> Robot:
     Raises InputError for a file that is not a URDF, whose numbers or names cannot be used, whose links form no tree,
     or whose joints are contradictory.
     """
-    check_urdf(read_xml(urdf_path), urdf_path)  # yourdfpy mends broken XML, and takes any number and name
+    root = read_xml(urdf_path)
+    check_urdf(root, urdf_path)  # yourdfpy takes any number and name
     yourdfpy = import_extra("yourdfpy")
     try:
-        parsed = yourdfpy.URDF.load(str(urdf_path), build_scene_graph=False, load_meshes=False).robot
+        parsed = yourdfpy.URDF.load(BytesIO(tostring(pruned(root))), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # yourdfpy has no common error for what it cannot parse
         raise InputError(f"{urdf_path}: cannot be read as a URDF ({error!r}); correct or replace it") from error
     links = {link.name: link for link in parsed.links}
@@ -129,15 +132,16 @@ def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> lis
     for joint in joints:
         for name in (joint.parent, joint.child):
             if name not in links:
-                raise _no_tree(urdf_path, f"joint {joint.name!r} of the unknown link {name!r}")
+                raise _no_tree(urdf_path, f"joint {quoted(joint.name)} of the unknown link {quoted(name)}")
         if (other := moved_by.setdefault(joint.child, joint)) is not joint:
             raise _no_tree(
-                urdf_path, f"link {joint.child!r} with two parents, by joints {other.name!r}, {joint.name!r}"
+                urdf_path,
+                f"link {quoted(joint.child)} with two parents, by joints {quoted(other.name)}, {quoted(joint.name)}",
             )
         children.setdefault(joint.parent, []).append(joint)
     roots = [name for name in links if name not in moved_by]
     if len(roots) != 1:
-        named = f": {', '.join(map(repr, roots[:3]))}{', ...' * (len(roots) > 3)}" if roots else ""
+        named = f": {', '.join(map(quoted, roots[:3]))}{', ...' * (len(roots) > 3)}" if roots else ""
         raise _no_tree(urdf_path, f"{len(roots)} links without a parent{named}")
     ordered: list[Any] = []
     front = children.get(roots[0], [])[::-1]
@@ -148,7 +152,7 @@ def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> lis
     if len(ordered) != len(joints):
         reached = {roots[0], *(joint.child for joint in ordered)}
         looped = next(name for name in links if name not in reached)
-        raise _no_tree(urdf_path, f"link {looped!r} in a loop, or hanging on one")
+        raise _no_tree(urdf_path, f"link {quoted(looped)} in a loop, or hanging on one")
     return ordered
 
 
@@ -157,9 +161,11 @@ def _no_tree(urdf_path: Path, found: str) -> InputError:
 
 
 def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]], urdf_path: Path) -> Joint:
-    where = f"{urdf_path}: joint {joint.name!r}"
+    where = f"{urdf_path}: joint {quoted(joint.name)}"
     if joint.type not in KINDS:
-        raise InputError(f"{where}: found type {joint.type!r}, expected one of {', '.join(KINDS)}; correct the URDF")
+        raise InputError(
+            f"{where}: found type {quoted(joint.type)}, expected one of {', '.join(KINDS)}; correct the URDF"
+        )
     kind = KINDS[joint.type]
     length = float(np.linalg.norm(joint.axis))
     if kind != "fixed" and length == 0:
@@ -189,7 +195,7 @@ def _mimic(joint: Any, by_name: dict[str, tuple[int, Any]], where: str) -> Mimic
     while joint.mimic is not None:
         leader = joint.mimic.joint
         if leader not in by_name or leader in passed:
-            found = "itself" if leader in passed else f"the unknown joint {leader!r}"
+            found = "itself" if leader in passed else f"the unknown joint {quoted(leader)}"
             raise InputError(f"{where}: found that it mimics {found}, expected another joint; correct the URDF")
         passed.add(leader)
         offset += multiplier * joint.mimic.offset

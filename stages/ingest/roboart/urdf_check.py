@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from schemas.errors import InputError
+from schemas.errors import InputError, quoted
 
-GREATEST = 1e9  # of a number: metres, radians or a factor beyond it are a mistake
+GREATEST_METRES = 1e9  # of a number: metres, radians or a factor beyond it are a mistake
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """An attribute of numbers: how many there may be, and whether they may be left out or be infinite."""
+    """An attribute of numbers: how many there may be, and whether it may be left out, be infinite or have commas."""
 
     counts: tuple[int, ...] = (1,)
     required: bool = False
     endless: bool = False
+    commas: bool = False  # between the numbers; yourdfpy takes them in these attributes alone
 
 
 NUMBERS: dict[str, dict[str, Numbers]] = {
@@ -27,10 +28,19 @@ NUMBERS: dict[str, dict[str, Numbers]] = {
     "axis": {"xyz": Numbers((3,))},
     "limit": {name: Numbers(endless=True) for name in ("lower", "upper", "effort", "velocity")},
     "mimic": {"multiplier": Numbers(), "offset": Numbers()},
-    "box": {"size": Numbers((3,), required=True)},
+    "box": {"size": Numbers((3,), required=True, commas=True)},
     "cylinder": {"radius": Numbers(required=True), "length": Numbers(required=True)},
     "sphere": {"radius": Numbers(required=True)},
-    "mesh": {"scale": Numbers((0, 1, 3))},
+    "mesh": {"scale": Numbers((0, 1, 3), commas=True)},
+}
+# what is read of each element; an element of another name, such as <inertial> or <gazebo>, may say anything
+READ: dict[str, set[str]] = {
+    "robot": {"link", "joint"},
+    "link": {"visual", "collision"},
+    "visual": {"origin", "geometry"},
+    "collision": {"origin", "geometry"},
+    "geometry": {"box", "cylinder", "sphere", "mesh"},
+    "joint": {"origin", "parent", "child", "axis", "limit", "mimic"},
 }
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 
@@ -41,9 +51,16 @@ def check_urdf(root: Element, urdf_path: Path) -> None:
         raise InputError(f"{urdf_path}: {problem}; correct the URDF")
 
 
+def pruned(element: Element) -> Element:
+    """A copy with only what is read, so that nothing else can be wrong."""
+    copy = Element(element.tag, element.attrib)
+    copy.extend(pruned(child) for child in element if child.tag in READ.get(element.tag, ()))
+    return copy
+
+
 def _problems(root: Element) -> Iterator[str]:
     if root.tag != "robot":
-        yield f"found the element <{root.tag}>, expected <robot>"
+        yield f"found the element <{root.tag[:80]}>, expected <robot>"
     if root.get("name") is None:
         yield "found a <robot> without a name, expected one"
     links, joints = root.findall("link"), root.findall("joint")
@@ -52,9 +69,9 @@ def _problems(root: Element) -> Iterator[str]:
     for link in links:
         for role in ("visual", "collision"):
             for element in link.findall(role):
-                yield from _shape_problems(f"link {link.get('name')!r}, <{role}>", element)
+                yield from _shape_problems(f"link {quoted(link.get('name'))}, <{role}>", element)
     for joint in joints:
-        yield from _joint_problems(f"joint {joint.get('name')!r}", joint)
+        yield from _joint_problems(f"joint {quoted(joint.get('name'))}", joint)
 
 
 def _name_problems(kind: str, elements: list[Element]) -> Iterator[str]:
@@ -64,9 +81,9 @@ def _name_problems(kind: str, elements: list[Element]) -> Iterator[str]:
         if not name:
             yield f"{kind} {number}: found no name, expected one"
         elif not name.isprintable():
-            yield f"{kind} {name!r}: found characters that cannot be printed, expected a plain name"
+            yield f"{kind} {quoted(name)}: found characters that cannot be printed, expected a plain name"
         elif name in names:
-            yield f"{kind} {name!r}: found twice, expected one {kind} of each name"
+            yield f"{kind} {quoted(name)}: found twice, expected one {kind} of each name"
         else:
             names.add(name)
 
@@ -74,7 +91,7 @@ def _name_problems(kind: str, elements: list[Element]) -> Iterator[str]:
 def _shape_problems(where: str, element: Element) -> Iterator[str]:
     shape = element.find("geometry/*")
     if shape is None or shape.tag not in SHAPES:
-        found = "nothing" if shape is None else f"<{shape.tag}>"
+        found = "nothing" if shape is None else f"<{shape.tag[:80]}>"
         yield f"{where}: found {found} in <geometry>, expected one of {', '.join(SHAPES)}"
         return
     if shape.tag == "mesh" and not shape.get("filename"):
@@ -98,24 +115,34 @@ def _joint_problems(where: str, joint: Element) -> Iterator[str]:
 def _number_problems(where: str, element: Element) -> Iterator[str]:
     for attribute, numbers in NUMBERS.get(element.tag, {}).items():
         text = element.get(attribute)
-        here = f"{where}: <{element.tag} {attribute}={text!r}>"
+        here = f"{where}: <{element.tag} {attribute}={quoted(text)}>"
         if text is None:
             if numbers.required:
                 yield f"{where}: found <{element.tag}> without {attribute}, expected it"
             continue
-        try:
-            values = [float(word) for word in text.replace(",", " ").split()]
-        except ValueError:
-            yield f"{here}: found no number, expected {_counted(numbers)}"
+        words = (text.replace(",", " ") if numbers.commas else text).split()
+        if strange := [word for word in words if not _is_number(word)]:
+            yield f"{here}: found no number in {quoted(strange[0])}, expected {_counted(numbers)}"
             continue
+        values = [float(word) for word in words]
         if len(values) not in numbers.counts:
             yield f"{here}: found {len(values)} numbers, expected {_counted(numbers)}"
         endless = [value for value in values if not math.isfinite(value)]
         if endless and not (numbers.endless and not math.isnan(endless[0])):
             yield f"{here}: found {endless[0]}, expected finite numbers"
-        elif not numbers.endless and any(abs(value) > GREATEST for value in values):
-            yield f"{here}: found a number beyond {GREATEST:g}, expected one that metres or radians can be"
+        elif not numbers.endless and any(abs(value) > GREATEST_METRES for value in values):
+            yield f"{here}: found a number beyond {GREATEST_METRES:g}, expected one that metres or radians can be"
+
+
+def _is_number(word: str) -> bool:
+    """Whether other readers of URDF would agree: Python alone takes 1_0 and the digits of other scripts."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return word.isascii() and "_" not in word
 
 
 def _counted(numbers: Numbers) -> str:
-    return " or ".join(map(str, filter(None, numbers.counts))) + " of them"
+    apart = ", set apart by spaces" if max(numbers.counts) > 1 else ""
+    return f"{' or '.join(map(str, filter(None, numbers.counts)))} of them{apart}"

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import gzip
 import logging
+import os
 import pickle
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 
 from schemas.errors import InputError
+from stages.ingest.point_formats import FRAME_SUFFIXES
 from stages.ingest.readers import read_frames
 
 RNG = np.random.default_rng(0)
@@ -287,3 +290,72 @@ def test_a_damaged_npy_header_ends_in_one_line(tmp_path: Path) -> None:
         data = (tmp_path / "a.npz").read_bytes()
         (tmp_path / "a.npz").write_bytes(data.replace(old, new, 1))
         refusal(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".ply"])
+def test_a_model_and_a_pose_beside_the_frames_are_no_frames(tmp_path: Path, suffix: str) -> None:
+    for index in range(2):
+        match suffix:
+            case ".npz":
+                np.savez(tmp_path / f"f{index}.npz", points=np.ones((40, 3)))
+            case ".csv":
+                np.savetxt(tmp_path / f"f{index}.csv", np.ones((40, 3)), delimiter=",")
+            case _:
+                write_ply(tmp_path / f"f{index}.ply", np.ones((40, 3)))
+    np.savez(tmp_path / "model.npz", points=np.ones((40, 3)), labels=np.zeros(40))
+    write_ply(tmp_path / "posed.ply", np.ones((40, 3)))
+    for name in ("model.json", "pose.json"):
+        (tmp_path / name).write_text("{}")
+    assert [frame.name for frame in read_frames(tmp_path)] == [f"f0{suffix}", f"f1{suffix}"]
+
+
+def test_what_looks_like_a_frame_but_is_left_out_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for index in range(2):
+        write_ply(tmp_path / f"{index}.ply", np.ones((40, 3)))
+    write_ply(tmp_path / ".5.ply", np.ones((40, 3)))
+    (tmp_path / "2.ply").symlink_to(tmp_path / "unfetched")
+    (tmp_path / "3.ply").symlink_to(tmp_path / "3.ply")
+    os.mkfifo(tmp_path / "4.ply")
+    (tmp_path / "._0.ply").write_text("macOS")
+    (tmp_path / "folder.ply").mkdir()
+    with caplog.at_level(logging.WARNING, "rearticulate.ingest"):
+        assert [frame.name for frame in read_frames(tmp_path)] == ["0.ply", "1.ply"]
+    assert "left out 2.ply (a link to nothing), 3.ply (a link to nothing), 4.ply (no plain file), ..." in caplog.text
+    for name in ("0.ply", "1.ply", "2.ply", "3.ply"):
+        (tmp_path / name).unlink()
+    assert "found no frames but 4.ply (no plain file), .5.ply (hidden), expected a folder" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("shape", [(6, 8), (1, 48), (6, 8, 6)], ids=str)
+def test_npy_frames_of_rows_and_columns_are_flattened(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, shape: tuple[int, ...]
+) -> None:
+    clouds = RNG.normal(size=(3, *shape[:2], *(shape[2:] or (3,))))
+    for index, cloud in enumerate(clouds):
+        np.save(tmp_path / f"{index}.npy", cloud)
+    with caplog.at_level(logging.WARNING, "rearticulate.ingest"):
+        frames = read_frames(tmp_path)
+    np.testing.assert_array_equal([frame.points for frame in frames], clouds.reshape(3, 48, -1)[..., :3])
+    assert "the rows and columns of one frame" in caplog.text
+    with pytest.raises(InputError, match="found 48 points and 96 in the frames before, expected at most 100"):
+        read_frames(tmp_path, max_points=100)
+
+
+def test_advice_is_given_once(tmp_path: Path) -> None:
+    np.save(tmp_path / "0.npy", np.ones((40, 3)))
+    np.save(tmp_path / "1.npy", np.ones((6, 8, 3)))
+    assert refusal(tmp_path).endswith("(6, 8, 3) among frames; give that file itself as the sequence")
+
+
+LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 123\n"
+DISGUISES = {"git lfs pull": LFS, "gunzip": gzip.compress(b"1 2 3\n" * 40), "HTML": b"<!DOCTYPE html>\n<p>404\n"}
+
+
+@pytest.mark.parametrize("suffix", FRAME_SUFFIXES)
+@pytest.mark.parametrize("found", DISGUISES)
+def test_another_kind_of_file_is_named(tmp_path: Path, suffix: str, found: str) -> None:
+    for index in range(2):
+        (tmp_path / f"{index}{suffix}").write_bytes(DISGUISES[found])
+    assert found in refusal(tmp_path)
+    if suffix in (".npy", ".npz"):
+        assert found in refusal(tmp_path / f"0{suffix}")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import subprocess
 import sys
@@ -347,3 +348,104 @@ def test_an_unreadable_file_is_named_by_digest_and_load(
         with pytest.raises(InputError) as caught:
             read()
         assert str(caught.value).startswith(f"{folder / name}: cannot be read (Permission denied)")
+
+
+def refuse_listing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    listed = Path.iterdir
+
+    def refused(self: Path) -> object:
+        if self.name == name:
+            raise PermissionError(13, "Permission denied", str(self))
+        return listed(self)
+
+    monkeypatch.setattr(Path, "iterdir", refused)
+
+
+def test_a_folder_that_cannot_be_listed_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a", "b"):
+        write_frames(tmp_path / name)
+    (tmp_path / "lost+found").mkdir()
+    refuse_listing(monkeypatch, "lost+found")
+    assert names(tmp_path) == ["a", "b", "lost_found"]
+    with pytest.raises(InputError, match=r"lost\+found: the folder cannot be listed \(Permission denied\)"):
+        list_sources(CONFIG, tmp_path)[2].digest()
+
+
+def test_tables_beside_a_folder_that_cannot_be_listed_stay_one_sequence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for index in range(2):
+        np.savetxt(tmp_path / f"{index}.csv", np.ones((40, 3)), delimiter=",")
+    (tmp_path / "lost+found").mkdir()
+    refuse_listing(monkeypatch, "lost+found")
+    assert [source.frames_path for source in list_sources(CONFIG, tmp_path)] == [tmp_path]
+
+
+def test_a_folder_of_descriptions_that_cannot_be_listed_fails_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mobility.urdf").write_text(LID)
+    refuse_listing(monkeypatch, "b")
+    first, second = list_sources(IngestConfig(source="urdf"), tmp_path)
+    assert (first.name, second.name) == ("a", "b")
+    assert len(first.digest()) == 64
+    with pytest.raises(InputError, match="b: cannot be read"):
+        second.digest()
+
+
+@pytest.mark.parametrize("kept", [3000, 40, 0])
+def test_a_damaged_stack_fails_alone(tmp_path: Path, kept: int) -> None:
+    for name in ("x", "y"):
+        np.save(tmp_path / f"{name}.npy", np.ones((2, 400, 3)))
+        np.savez(tmp_path / f"{name}z.npz", points=np.ones((2, 400, 3)))
+    for name in ("x", "y"):
+        path = tmp_path / f"{name}.npy"
+        path.write_bytes(path.read_bytes()[:kept])
+        assert names(tmp_path) == ["x", "xz", "y", "yz"]
+    with pytest.raises(InputError, match=r"x\.npy: cannot be read as \.npy"):
+        list_sources(CONFIG, tmp_path)[0].load(CONFIG, np.random.default_rng(0))
+
+
+def test_a_damaged_frame_among_npy_frames_leaves_them_one_sequence(tmp_path: Path) -> None:
+    for index in range(2):
+        np.save(tmp_path / f"{index}.npy", np.ones((400, 3)))
+    for index in range(2):
+        (tmp_path / f"{index}.npy").write_bytes(b"text")
+        assert [source.frames_path for source in list_sources(CONFIG, tmp_path)] == [tmp_path]
+
+
+def test_an_unreadable_table_beside_sequences_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_frames(tmp_path / "a")
+    (tmp_path / "notes.txt").write_text("about")
+    opened = Path.open
+
+    def refused(self: Path, *arguments: object, **options: object) -> object:
+        if self.name == "notes.txt":
+            raise PermissionError(13, "Permission denied", str(self))
+        return opened(self, *arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Path, "open", refused)
+    assert names(tmp_path) == ["a"]
+
+
+def test_models_in_a_data_set_are_no_sequences(tmp_path: Path) -> None:
+    np.save(tmp_path / "stack.npy", np.ones((2, 40, 3)))
+    (tmp_path / "out").mkdir()
+    for folder in (tmp_path, tmp_path / "out"):
+        np.savez(folder / "model.npz", points=np.ones((80, 3)), poses=np.ones((2, 1, 4, 4)))
+        (folder / "model.json").write_text("{}")
+    assert names(tmp_path) == ["stack"]
+
+
+def test_a_folder_of_links_to_nothing_is_a_sequence_that_fails(tmp_path: Path) -> None:
+    write_frames(tmp_path / "a")
+    (tmp_path / "b").mkdir()
+    for index in range(2):
+        (tmp_path / "b" / f"{index}.ply").symlink_to(tmp_path / "unfetched")
+    (tmp_path / "c.npy").symlink_to(tmp_path / "unfetched")
+    os.mkfifo(tmp_path / "d.npy")
+    assert names(tmp_path) == ["a", "b", "c"]
+    with pytest.raises(InputError, match=r"0\.ply \(a link to nothing\)"):
+        list_sources(CONFIG, tmp_path)[1].load(CONFIG, np.random.default_rng(0))

@@ -181,3 +181,71 @@ def test_a_folder_of_npz_with_one_cloud_each_is_a_sequence(tmp_path: Path) -> No
         np.savez(tmp_path / f"{index}.npz", points=cloud, normals=cloud)
     np.savez(tmp_path / "ground_truth.npz", labels=np.zeros((3, 40), dtype=int), poses=np.zeros((3, 2, 4, 4)))
     assert [len(frame.points) for frame in read_frames(tmp_path)] == [40, 50, 45]
+
+
+def zeros(path: Path, **members: tuple[tuple[int, ...], object, bool]) -> Path:
+    """An .npz of arrays of zeros by shape, type and whether they are in Fortran's order."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, (shape, of_type, fortran) in members.items():
+            dtype = np.dtype(of_type)  # type: ignore[call-overload]
+            with archive.open(f"{name}.npy", "w") as file:
+                header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": fortran, "shape": shape}
+                np.lib.format.write_array_header_1_0(file, header)
+                file.write(bytes(dtype.itemsize * int(np.prod(shape))))
+    return path
+
+
+WIDE = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("rest", "V60000")]
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        {"points": ((2, 400_000, 16), "f8", True)},
+        {"points": ((2, 400_000, 16), "f8", False)},
+        {"frame_0": ((400_000, 16), "f8", False), "frame_1": ((400_000, 16), "f8", True)},
+        {"points": ((2, 800), WIDE, False)},
+        {"points": ((2, 800), WIDE, True)},
+    ],
+    ids=["fortran", "rows", "clouds", "fields", "fields in fortran"],
+)
+def test_only_the_coordinates_and_a_block_are_held(
+    tmp_path: Path, members: dict[str, tuple[tuple[int, ...], object, bool]]
+) -> None:
+    path = zeros(tmp_path / "a.npz", **members)
+    tracemalloc.start()
+    frames = read_frames(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    held = sum(frame.points.nbytes for frame in frames)
+    assert not np.concatenate([frame.points for frame in frames]).any()
+    assert peak < held + 50_000_000
+
+
+def test_points_of_enormous_fields_are_refused(tmp_path: Path) -> None:
+    fields = [*WIDE[:3], ("rest", "V300000")]
+    assert "declares 300,012 bytes for each point" in refusal(
+        zeros(tmp_path / "a.npz", points=((2, 40), fields, False))
+    )
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_both_orders_give_the_same_points_over_several_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    monkeypatch.setattr("stages.ingest.formats.arrays._BLOCK", 1000)
+    fields = np.zeros(STACK.shape[:2], dtype=[("w", "i2"), ("z", "f8"), ("y", "f8"), ("x", "f8")])
+    for index, axis in enumerate("xyz"):
+        fields[axis] = STACK[..., index]
+    for array in (STACK, np.asfortranarray(STACK), fields, np.asfortranarray(fields)):
+        frames = read_frames(saved(tmp_path, points=array), step)
+        np.testing.assert_array_equal([frame.points for frame in frames], STACK[::step])
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_damage_beyond_the_coordinates_is_found(tmp_path: Path, order: str) -> None:
+    path = saved(tmp_path, points=np.asarray(np.arange(4 * 40 * 9.0).reshape(4, 40, 9), order=order))  # type: ignore[call-overload]
+    data = bytearray(path.read_bytes())
+    data[data.rindex(np.float64(1439).tobytes())] ^= 1
+    path.write_bytes(data)
+    assert "CRC" in refusal(path)

@@ -121,7 +121,7 @@ def test_empty_fields_are_nan_and_infinity_stays(tmp_path: Path) -> None:
         (rows() + "1 2\n", "changed from 3 to 2 at row 40"),
         (rows() + "1 two 3\n", "'two' where a number is to be, at row 40, column 2"),
         ("x,y,z\n", "no row of three numbers, but 'x,y,z'"),
-        ("<html>\n<body>", "no row of three numbers, but '<html>'"),
+        ("<html>\n<body>", "HTML"),
         ("1 2\n3 4\n", "2 columns"),
         ("1 " * 100_000, "a line of more than 65,536 characters"),
     ],

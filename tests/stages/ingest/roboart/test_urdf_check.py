@@ -10,6 +10,7 @@ from schemas.config import RoboartConfig
 from schemas.errors import InputError
 from stages.ingest.roboart import build_from_urdf, urdf_check
 from stages.ingest.roboart.articulated import ArticulatedRobot
+from stages.ingest.roboart.descriptions import Description, description_digest
 from stages.ingest.roboart.urdf import read_urdf
 
 CONFIG = RoboartConfig(frames=2, points=32, novel_states=0)
@@ -68,6 +69,16 @@ def surface(path):
         ('<parent link="base"/>', '<parent link="slide"/>', "link 'upper' in a loop, or hanging on one"),
         ('<link name="world">', '<link name="hall"/><link name="world">', "2 links without a parent: 'hall', 'world'"),
         ("<robot ", "<robots ", "found the element <robots>"),
+        (
+            '<axis xyz="0 2 1"/>',
+            '<axis xyz="0,2,1"/>',
+            "joint 'shoulder': <axis xyz='0,2,1'>: found no number in '0,2,1', expected 3 of them, set apart by spaces",
+        ),
+        ('xyz="0 0 0.25"', 'xyz="0, 0, 0.25"', "link 'upper', <visual>: <origin xyz='0, 0, 0.25'>: found no number"),
+        ('rpy="0.1 0 0.3"', 'rpy="0.1,0,0.3"', "joint 'shoulder': <origin rpy='0.1,0,0.3'>: found no number"),
+        ('lower="0.3"', 'lower="0_3"', "joint 'shoulder': <limit lower='0_3'>: found no number in '0_3'"),
+        ('radius="0.06"', 'radius="\u0663"', "link 'upper', <visual>: <cylinder radius='\u0663'>: found no number"),
+        ('<sphere radius="0.1"/>', '<mesh filename=""/>', "link 'slide', <visual>: found a <mesh> without a file name"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_by_file_and_element(arm, before, after, message):
@@ -103,6 +114,16 @@ def test_a_shape_that_nobody_could_see_is_refused(arm, before, after, message):
         ('lower="0.3" upper="2.5"', 'lower="-inf" upper="inf"'),  # no limit
         ('size="0.4 0.4 0.2"', 'size="0.4 0.4 0"'),  # a sheet
         ('link="upper"', 'link="left/upper"'),  # robots of several arms
+        ('size="0.4 0.4 0.2"', 'size="0.4, 0.4, 0.2"'),
+        # what is not read
+        ('<link name="base">', '<link name="base"><inertial><mass value="abc"/><inertia ixx="1"/></inertial>'),
+        ('<link name="world">', '<material name="m"><color rgba="a b c d"/></material><link name="world">'),
+        ("<geometry>", '<material name="m"><color rgba="1,0,0,1"/></material><geometry>'),
+        ("<child ", '<safety_controller soft_lower_limit="abc"/><calibration rising="abc"/><child '),
+        (
+            '<link name="world">',
+            '<transmission><actuator><a:b xmlns:a="c"/></actuator></transmission><link name="world">',
+        ),
     ],
 )
 def test_what_is_odd_but_plain_is_read(arm, before, after):
@@ -129,6 +150,24 @@ def test_a_large_file_is_refused_unread(urdf, monkeypatch):
 def test_repeated_shapes_may_not_fill_the_memory(arm, monkeypatch):
     monkeypatch.setattr("stages.ingest.roboart.surface.MOST_TRIANGLES", 50)
     assert "link 'upper': found more than 50 triangles" in refusal(arm, surface)
+
+
+def test_long_names_and_words_are_cut(arm):
+    text = arm.read_text()
+    for before, after in (
+        ('joint name="press"', f'joint name="elbow{"w" * 100_000}"><axis xyz="up"/></joint><joint name="press"'),
+        ('<axis xyz="0 2 1"/>', f'<axis xyz="{"0 " * 100_000}"/>'),
+        ('<child link="upper"/>', f'<child link="{"w" * 100_000}"/>'),
+        ('type="continuous"', f'type="{"w" * 100_000}"'),
+    ):
+        arm.write_text(text.replace(before, after, 1))
+        assert len(refusal(arm)) - len(str(arm)) < 500
+
+
+def test_a_mesh_without_a_file_name_is_told_by_its_link_not_when_files_are_looked_up(arm):
+    arm.write_text(arm.read_text().replace('<sphere radius="0.1"/>', '<mesh filename=""/>'))
+    description_digest(Description(arm, ()))
+    assert "link 'slide'" in refusal(arm)
 
 
 VALUES = ("nan", "inf", "-1", "0", "1e400", "1e300", "-1e-300", "", "up", "1 2", "nan 0 0", "../x", "base", "fixed")

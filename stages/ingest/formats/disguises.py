@@ -1,0 +1,29 @@
+"""What a file is that has the name of another kind, told by its first bytes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_LOOKED_AT = 512  # bytes
+_HTML = re.compile(rb"\s*(<!doctype html|<html|<head|<\?xml|<svg)", re.IGNORECASE)
+
+
+def disguise(path: Path) -> str:
+    """What a file is instead, and what to do, where its first bytes tell; else empty."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_LOOKED_AT).removeprefix(b"\xef\xbb\xbf")
+    except OSError:
+        return ""
+    if head.startswith(b"version https://git-lfs"):
+        return "found a pointer of Git LFS in place of the file; fetch it with `git lfs pull`"
+    if head.startswith(b"\x1f\x8b"):
+        return "found a file packed by gzip; unpack it with gunzip"
+    if head.startswith((b"BZh", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")):
+        return "found a packed file; unpack it"
+    if head.startswith(b"PK\x03\x04"):
+        return "found a zip archive; unpack it"
+    if _HTML.match(head):
+        return "found a page of HTML or XML in place of points; download the file again"
+    return ""
