@@ -82,7 +82,7 @@ def test_a_model_that_may_not_be_read_is_one_line(folder, monkeypatch):
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
-    with pytest.raises(InputError, match=r"model\.npz: cannot be read \(Permission denied\)"):
+    with pytest.raises(InputError, match=r"model\.json: cannot be read \(Permission denied\)"):
         read_model_folder(folder)
 
 
