@@ -139,7 +139,7 @@ CASES = [
         order("numbers of 200 digits", ["1" * 200, "2" * 200, "1" + "0" * 200]),
         Case("digits that are no numbers", FIT, named(["frame_²", "frame_③", "frame_1", "frame_2"])),
         Case("arabic digits", FIT, named(["frame_\u0661", "frame_\u0662", "frame_\u0663"])),
-        Case("names of markup", FIT, named(["[red]a[/red]", "[/]", "[link=x]c"])),
+        Case("names of markup", FIT, named(["[red]a", "[bold]b", "[link=x]c"])),
         Case("names with line breaks", FIT, named(["a\nb", "c\033[2J", "d\te"])),
         Case("names that look like options", FIT, named(["--out", "-1", "--help"])),
         Case(
@@ -151,9 +151,9 @@ CASES = [
             ),
         ),
         Case(
-            "a folder of markup",
-            'reart fit "[/red]" --out out --preset "$TINY"',
-            both(given("frames"), moved("frames", "[/red]")),
+            "folders of markup",
+            'reart fit "a[/red]" --out "out/o[/red]" --preset "$TINY"',
+            both(given("frames"), a_folder("a["), moved("frames", "a[/red]")),
         ),
         Case("frames of two kinds", FIT, both(given("frames"), file("frames/a.xyz", "1 2 3\n" * 99)), may=("refused",)),
         Case(
