@@ -1,8 +1,9 @@
 """When and where: tasks, artifact store, presets and the command line. No numerics."""
 
-import importlib.util
 import sys
 
-if importlib.util.find_spec("fcntl") is None:  # what else is missing there would only be told later
+try:
+    import fcntl as fcntl
+except ImportError:  # what else is missing there would only be told later
     print(f"error: found {sys.platform}, expected Linux or macOS; on Windows run it inside WSL", file=sys.stderr)
-    raise SystemExit(2)
+    raise SystemExit(2) from None
