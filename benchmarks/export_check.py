@@ -32,8 +32,9 @@ from jaxtyping import Float64
 from run import FOLDER, Machine, commit, machine
 
 from pipeline import store
+from pipeline.files import write_files
 from pipeline.keys import canonical_json
-from pipeline.model_folder import read_model_folder, write_beside
+from pipeline.model_folder import read_model_folder
 from pipeline.report_tables import Cell, Row, Table, to_markdown
 from pipeline.task import package_versions
 from schemas.artifact import Schema
@@ -196,7 +197,7 @@ def prepare(artifact: Path, anew: bool, assets: Path | None) -> tuple[Exported, 
         config = PipelineConfig.model_validate(manifest.config)
         robot = describe(result, frames, config.export, manifest.sequence)
         for writer in WRITERS.values():
-            write_beside(folder, writer(robot))
+            write_files(folder, writer(robot))
     exported = Exported(manifest.sequence, result, folder)
     if assets is not None:
         ingested = dense(manifest, assets, ingested)

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 from pipeline import store
-from pipeline.files import check_own_folder, write_atomically
+from pipeline.files import check_own_folder, read_whole, write_atomically
 from pipeline.logs import OUR_LOGGER
 from pipeline.pages import address, page, picture_html, table_html
 from pipeline.protocol import Request
@@ -102,7 +102,7 @@ def _sequences_in(evaluation: Path) -> set[str]:
     Anybody may have written that file: what is no name, but a path, is left out.
     """
     try:
-        earlier = json.loads(evaluation.read_bytes())
+        earlier = json.loads(read_whole(evaluation))
         entries = [*earlier["sequences"], *earlier.get("missing", ())]
         return {entry["sequence"] for entry in entries if is_name(entry["sequence"])}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import stat
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -15,7 +16,19 @@ from schemas.errors import InputError
 
 PARTIAL = ".reart-partial"  # no file of the user's is called so
 ANY_PARTIAL = f".*{PARTIAL}"
+MOST_BYTES = 256 * 2**20  # of a description, settings, targets or an evaluation; none comes near
 _FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+
+
+def read_whole(path: Path) -> bytes:
+    """The content of a file that people write. Raises OSError, also for one too large or that may never end."""
+    found = os.stat(path)
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    if found.st_size > MOST_BYTES:
+        size = f"it has {found.st_size >> 20} MiB, expected at most {MOST_BYTES >> 20}"
+        raise OSError(errno.EFBIG, size, str(path))
+    return path.read_bytes()
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -11,9 +11,10 @@ from jaxtyping import Float64
 from pydantic import ValidationError
 
 from pipeline import store
+from pipeline.files import read_whole
 from schemas.errors import InputError, first_fault
 from schemas.model_file import ModelFile, Result
-from schemas.seal import intact, sha256
+from schemas.seal import file_sha256, intact
 from schemas.sequence import IngestedSequence
 
 _log = logging.getLogger("rearticulate.model_folder")
@@ -32,7 +33,7 @@ def read_model_folder(folder: Path) -> Result:
             raise InputError(f"{path}: not found, expected a folder with model.json and model.npz; check the path")
     try:
         _check_artifact(folder)
-        model = _read_model(json_path, sha256(npz_path.read_bytes()))
+        model = _read_model(json_path, file_sha256(npz_path))
     except OSError as error:
         raise InputError(f"{error.filename or folder}: cannot be read ({error.strerror}); mend that first") from error
     from stages.ingest.readers import load_npz  # the command line loads stages only where it needs them
@@ -46,6 +47,12 @@ def read_model_folder(folder: Path) -> Result:
         raise InputError(f"{npz_path}: {first_fault(error)}; fit the model anew") from error
     if not len(result.labels):
         raise InputError(f"{npz_path}: labels: found none, expected one for each point; fit the model anew")
+    for part, count in zip(model.parts, np.bincount(result.labels, minlength=len(model.parts)), strict=True):
+        if part.point_count != count:
+            raise InputError(
+                f"{json_path}: parts.{part.id}.point_count: found {part.point_count}, expected {count} as the labels "
+                "of model.npz have; take both files from one fit, or correct it"
+            )
     return result
 
 
@@ -61,8 +68,8 @@ def _check_artifact(folder: Path) -> None:
 
 def _read_model(path: Path, npz_digest: str) -> ModelFile:
     """model.json, which tells its own digest and that of model.npz; older files do not."""
-    content = path.read_bytes()
     try:
+        content = read_whole(path)
         model = ModelFile.model_validate_json(content)
     except ValidationError as error:
         raise InputError(f"{path}: {first_fault(error)}; expected a model of version 1 or 2, fit it anew") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import multiprocessing
 import os
@@ -14,6 +13,7 @@ from pathlib import Path
 from pipeline.processes import die_with_forking_parent
 from schemas.config import PipelineConfig
 from schemas.errors import InputError
+from schemas.seal import file_sha256
 
 
 def own_code(name: str) -> dict[str, str]:
@@ -34,8 +34,7 @@ def own_weights(path: Path | None) -> dict[str, str]:
 def _digest(path: Path) -> str:
     """SHA-256 (hex) of a file. Raises InputError where it cannot be read."""
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return file_sha256(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pydantic import ValidationError
 
+from pipeline.files import read_whole
 from schemas.artifact import GREATEST
 from schemas.errors import InputError, first_fault
 from schemas.model_file import ModelFile
@@ -117,7 +118,7 @@ def _states_of_json(path: Path, model: ModelFile) -> tuple[dict[str, State], Flo
     content = _json_object(path)
     if "format" in content:
         try:
-            pose = Pose.model_validate_json(path.read_bytes())
+            pose = Pose.model_validate_json(_text(path))
         except ValidationError as error:
             raise InputError(f"{path}: {first_fault(error)}; expected a pose of version 1, pose it anew") from error
         _check_origin(path, pose, model)
@@ -207,7 +208,7 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return read_whole(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({one_line(error)}); save it as UTF-8") from error
 

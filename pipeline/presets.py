@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from pipeline.files import read_whole
 from schemas.artifact import Schema
 from schemas.config import PipelineConfig
 from schemas.errors import Fault, InputError
@@ -70,7 +71,7 @@ def preset_names(folder: Path = FOLDER) -> list[str]:
 def _read_preset(preset: str, folder: Path) -> dict[str, Any]:
     path = Path(preset) if preset.endswith(".toml") else folder / f"{preset}.toml"
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_whole(path).decode())
     except OSError as error:
         raise InputError(
             f"preset {preset}: cannot be read ({error.strerror}), expected one of {', '.join(preset_names(folder))} "

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from pipeline import store
+from pipeline.files import read_whole
 from pipeline.place import Place
 from pipeline.plan import origin_of, plan
 from pipeline.protocol import Event, Request
@@ -159,7 +160,7 @@ def read_scores(path: Path) -> Scores:
     """An evaluation that was written earlier. Raises InputError where the file is not one."""
     advice = "expected an evaluation.json that `reart evaluate` wrote; check the path"
     try:
-        return Scores.model_validate_json(path.read_bytes())
+        return Scores.model_validate_json(read_whole(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}), {advice}") from error
     except ValidationError as error:

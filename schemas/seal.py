@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from pathlib import Path
 
 BLANK = "0" * 64  # what stands in the digest's place while it is taken
 
@@ -10,6 +11,12 @@ BLANK = "0" * 64  # what stands in the digest's place while it is taken
 def sha256(content: bytes) -> str:
     """The digest of a file's bytes."""
     return hashlib.sha256(content).hexdigest()
+
+
+def file_sha256(path: Path) -> str:
+    """The digest of a file, which may be large. Raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sealed(content: bytes) -> bytes:

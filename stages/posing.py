@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.artifact import GREATEST
-from schemas.errors import InputError
+from schemas.errors import LONGEST_NAME, InputError, quoted, shortened
 from schemas.model_file import ModelJoint, Result
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.nearest import KDTree, nearest
@@ -21,6 +21,7 @@ from stages.rearticulation import rearticulate
 FARTHEST = 0.05  # of a source point from the canonical points, as a share of the diagonal
 OUT_OF_REACH = 100.0  # of a target from its source point, in diagonals: it is in other units, or of another place
 UNTOLD = 0.05  # share of a coordinate's change that targets do not tell, from which on its joint is undetermined
+MOST_LISTED = 12  # joints in a message
 ROUNDING = 1e-9  # by which a state may be beyond a limit
 
 
@@ -47,9 +48,7 @@ def pose_by_states(
     joints = {joint.name: joint for joint in result.model.joints}
     for name, state in states.items():
         if name not in joints:
-            raise InputError(
-                f"found the joint {name[:80]!r}, expected one of {', '.join(joints) or 'none at all'}; rename it"
-            )
+            raise InputError(f"found the joint {quoted(name)}, expected one of {_listed(list(joints))}; rename it")
         _check_state(joints[name], state, limits)
     space = Normalisation.of(result.canonical_points)
     mechanism = _mechanism(result, space, limits=False, free_base=False)
@@ -171,19 +170,18 @@ def _check_targets(
 
 def _check_state(joint: ModelJoint, state: State, limits: bool) -> None:
     """Raises InputError for a state that the joint cannot have."""
+    name = shortened(joint.name, LONGEST_NAME)
     if (joint.type == "spherical") != isinstance(state, tuple):
         expected = "a rotation vector of three numbers" if joint.type == "spherical" else "one number"
-        raise InputError(
-            f"joint {joint.name}: found {state}, expected {expected}, since it is {joint.type}; correct it"
-        )
+        raise InputError(f"joint {name}: found {state}, expected {expected}, since it is {joint.type}; correct it")
     if not np.all(np.abs(state) <= GREATEST):
-        raise InputError(f"joint {joint.name}: found {state}, expected finite numbers up to {GREATEST:g}; correct it")
+        raise InputError(f"joint {name}: found {state}, expected finite numbers up to {GREATEST:g}; correct it")
     size = np.linalg.norm(state) if isinstance(state, tuple) else state
     slack = ROUNDING * (1 + abs(joint.upper - joint.lower))
     if limits and not joint.lower - slack <= size <= joint.upper + slack:
         what = "a rotation by" if joint.type == "spherical" else "the state"
         raise InputError(
-            f"joint {joint.name}: found {what} {size:.6g}, expected one within its limits, "
+            f"joint {name}: found {what} {size:.6g}, expected one within its limits, "
             f"{joint.lower:.6g} to {joint.upper:.6g}; correct it, or give --no-limits"
         )
 
@@ -204,6 +202,12 @@ def _state(joint: ModelJoint, coordinates: Float64[np.ndarray, "own"], limits: b
 def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:
     a, b, c, d = (tuple(row) for row in T.tolist())
     return a, b, c, d
+
+
+def _listed(names: list[str]) -> str:
+    """Names in a message: the first ones of many."""
+    shown = [shortened(name, LONGEST_NAME) for name in names[:MOST_LISTED]]
+    return ", ".join(shown + ["..."] * (len(names) > MOST_LISTED)) or "none at all"
 
 
 def _words(p: Float64[np.ndarray, "3"]) -> str:

@@ -9,8 +9,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from pipeline.delivery import check_delivery
 
+from pipeline.delivery import check_delivery
 from pipeline.model_folder import read_model_folder
 from schemas.errors import InputError
 

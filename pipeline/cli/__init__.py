@@ -54,6 +54,8 @@ def _as_exit_codes() -> Iterator[None]:
         yield
     except InputError as error:
         _end(one_line(error), 2)
+    except typer.BadParameter as error:
+        _end(error.format_message(), 2)
     except ArtifactError as error:
         _end(one_line(error), 1)
     except OSError as error:

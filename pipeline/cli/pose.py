@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.options import JsonOption, ModelArgument, naming, screen, writable_folder
@@ -107,7 +108,7 @@ def show(pose: Pose, model: ModelFile, console: Console) -> None:
         remark = "at its limit" if joint.name in pose.at_limit else remark
         state = " ".join(f"{value + 0.0:.4g}" for value in np.atleast_1d(pose.states[joint.name]))
         limits = f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}"  # + 0.0: no "-0"
-        table.add_row(joint.name, joint.type, state, limits, remark)
+        table.add_row(escape(joint.name), joint.type, state, limits, remark)
     console.print(table)
     if pose.base_undetermined:
         console.print("the targets do not tell all of the base's motion")

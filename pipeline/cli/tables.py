@@ -20,9 +20,7 @@ def model_table(model: ModelFile) -> Table:
     for joint in model.joints:
         unit = LENGTH_SYMBOLS[model.units] if joint.type == "prismatic" else "rad"
         table.add_row(
-            joint.name,
-            model.parts[joint.parent].name,
-            model.parts[joint.child].name,
+            *map(escape, (joint.name, model.parts[joint.parent].name, model.parts[joint.child].name)),
             joint.type,
             " ".join(f"{value:.3f}" for value in joint.axis),
             f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}",  # + 0.0: no "-0"

@@ -24,6 +24,7 @@ _LARGEST_COORDINATE = GREATEST / 1000  # so that motions and joints of such poin
 _LARGEST_SIZE_RATIO = 100.0  # no object grows by so much from frame to frame, but millimetres among metres do
 _LEAST_SIZE = 1e-100
 _LEAST_RELATIVE_SIZE = 1e-12  # below this a frame's extent is rounding noise of its coordinates
+_LEAST_WIDTH = 1e-6  # of a frame, in its lengths: a thinner one has no normals
 _FIRST_FRAME_TOLERANCE = 1e-3
 
 
@@ -112,6 +113,12 @@ def _check_distances(*Ts: Float64[np.ndarray, "*batch 4 4"]) -> None:
         )
 
 
+def _on_one_line(points: Points) -> bool:
+    offsets = (points - points.mean(axis=0)) / np.ptp(points, axis=0).max()
+    _, second, first = np.linalg.eigvalsh(offsets.T @ offsets)
+    return bool(second <= _LEAST_WIDTH**2 * first)
+
+
 def _check_frame(frame: Frame, points: Points, min_points: int) -> None:
     if len(points) < min_points:
         raise InputError(
@@ -129,6 +136,11 @@ def _check_frame(frame: Frame, points: Points, min_points: int) -> None:
         raise InputError(
             f"{frame.name}: found {len(points)} points that are all equal, expected an object with an extent; "
             "check how the file was written"
+        )
+    if _on_one_line(points):
+        raise InputError(
+            f"{frame.name}: found {len(points)} points on one straight line, expected a surface; "
+            "check which columns were written"
         )
 
 

@@ -62,16 +62,16 @@ def natural_key(name: str) -> tuple[Key, str]:
 
 def _whole_key(name: str) -> Key:
     pieces = _WHOLE.split(name)  # text and digits take turns, so that like meets like
-    return [int(piece) if index % 2 else piece for index, piece in enumerate(pieces)]
+    return [int(piece) if index % 2 else piece.casefold() for index, piece in enumerate(pieces)]
 
 
 def _key(name: str) -> Key:
     key: Key = []
     end = 0
     for match in _NUMBER.finditer(name):
-        key += [name[end : match.start()], Decimal(match[0].replace(",", "."))]
+        key += [name[end : match.start()].casefold(), Decimal(match[0].replace(",", "."))]
         end = match.end()
-    return [*key, name[end:]]
+    return [*key, name[end:].casefold()]
 
 
 def _texts(name: str) -> list[str]:
@@ -89,7 +89,7 @@ def _doubt(keys: dict[str, Key]) -> str:
     if len(keys) < 2:
         return ""
     numbers = [tuple(key[1::2]) for key in keys.values()]
-    if len({tuple(str(text).lower() for text in key[::2]) for key in keys.values()}) > 1:
+    if len({tuple(key[::2]) for key in keys.values()}) > 1:
         return "the names differ in more than their numbers"
     if not numbers[0]:
         return "the names hold no numbers"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -27,6 +28,11 @@ __all__ = ["Frame", "frame_files", "load_npz", "read_frames"]
 
 _log = logging.getLogger("rearticulate.ingest")
 
+_CERTAIN_SUFFIXES = tuple(suffix for suffix in FRAME_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
+_OF_POINTS = re.compile(  # of one cloud, as the name of a file of its own
+    r"(point_?|vertex_?)?(colou?rs?|rgba?|normals?|labels?|masks?|segm?s?|segmentations?|intensit(y|ies)|features?|ids?)",
+    re.IGNORECASE,
+)
 _LOOKED_INTO = 50  # sub-folders, where a folder holds no frames
 _EXPECTED = (
     "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts or .npy frames, "
@@ -69,6 +75,11 @@ def frame_files(folder: Path) -> list[Path]:
     return [by_name[name] for name in in_order(list(by_name)).names]
 
 
+def clouds(files: list[Path]) -> list[Path]:
+    """The files without those that by their names hold the colours or the like of another one."""
+    return [file for file in files if not _OF_POINTS.fullmatch(file.stem)] or files
+
+
 def axes(path: Path) -> int:
     """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header alone.
 
@@ -94,9 +105,6 @@ def check_every(count: int, step: int) -> None:
         )
 
 
-_CERTAIN_SUFFIXES = tuple(suffix for suffix in FRAME_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
-
-
 def _looks_like_frame(file: Path) -> bool:
     suffix = file.suffix.lower()
     if suffix not in AMBIGUOUS_SUFFIXES:
@@ -119,7 +127,7 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
             "since their order is unclear; move the others away"
         )
     _check_frame_count(folder, len(files), every)
-    organised = all(axes(file) == 3 for file in files)
+    organised = _are_organised(files)
     _report(folder, files, organised)
     frames, left = [], max_points
     for file in files[::every]:
@@ -131,6 +139,13 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
         left -= len(points)
         frames.append(Frame(file.name, points))
     return frames
+
+
+def _are_organised(files: list[Path]) -> bool:
+    """Whether numbered .npy files of one shape hold the rows and columns of a frame each."""
+    if in_order([file.name for file in files]).doubt or any(axes(file) != 3 for file in files):
+        return False
+    return len({npy_header(file)[0] for file in files}) == 1
 
 
 def _report(folder: Path, files: list[Path], organised: bool) -> None:
@@ -163,7 +178,7 @@ def _without_frames(folder: Path) -> str:
     if folders := frame_folders(folder):
         return folders
     nested = _frames_below(folder)
-    if sequences := [below.name for below, files in nested if len(files) > 1]:
+    if sequences := [below.name for below, files in nested if len(clouds(files)) > 1]:
         return (
             f"found no frames, but folders with frames ({', '.join(sequences[:3])}), expected one of them; "
             "give that, or all of them to `reart run --data`"
@@ -171,8 +186,8 @@ def _without_frames(folder: Path) -> str:
     if missing := left_out(folder, FRAME_SUFFIXES):
         return f"found no frames but {_first(missing)}, {_EXPECTED}; fetch or rename the files"
     odd = next((file for file in input_files(folder) if file.suffix.lower() in AMBIGUOUS_SUFFIXES), None)
-    if odd is not None and (reason := _why_no_frame(odd)):
-        return f"found no frame among {_first(others)}, {_EXPECTED}; {odd.name}: {reason}"
+    if odd is not None:
+        return f"found no frame among {_first(others)}, {_EXPECTED}; {odd.name}: {_why_no_frame(odd)}"
     found = f"no frame among {_first(others)}" if others else "an empty folder"
     if not others and nested:
         found = f"only folders without frames ({', '.join(below.name for below, _ in nested[:3])})"
@@ -185,12 +200,12 @@ def _why_no_frame(file: Path) -> str:
         read_points(file)
     except InputError as error:
         return str(error).removeprefix(f"{file}: ")
-    return ""
+    return "found no points"
 
 
 def frame_folders(folder: Path) -> str:
     """What is wrong with a folder whose sub-folders hold one frame each; empty for any other."""
-    nested = [files for _, files in _frames_below(folder) if files and axes(files[0]) == 2]
+    nested = [clouds(files) for _, files in _frames_below(folder) if files and axes(files[0]) == 2]
     if len(nested) < 2 or any(len(files) > 1 for files in nested):
         return ""
     first, second = (files[0] for files in nested[:2])
@@ -246,7 +261,9 @@ def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points
     shape = points_shape(stack.shape, stack.dtype)
     if len(shape) != 3:
         transposed = stack.ndim == 3 and stack.shape[1] == 3
-        remedy = "save the transpose, array.transpose(0, 2, 1)" if transposed else f"save that, or {PER_FRAME[5:]}"
+        remedy = (
+            "save the transpose, array.transpose(0, 2, 1)" if transposed else f"save such an array, or {PER_FRAME[5:]}"
+        )
         raise InputError(
             f"{path}: found an array of shape {stack.shape} of {stack.dtype}, expected (frames, points, 3) "
             f"of real numbers; {remedy}"
@@ -259,5 +276,6 @@ def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points
 
 def _check_frame_count(path: Path, count: int, every: int) -> None:
     if count < 2:
-        raise InputError(f"{path}: found {count} frame, expected at least 2 of one moving object; add frames")
+        found = "1 frame" if count else "no frame"
+        raise InputError(f"{path}: found {found}, expected at least 2 of one moving object; add frames")
     check_every(count, every)

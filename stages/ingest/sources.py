@@ -18,12 +18,12 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import input_files, is_file, is_folder, is_own_output, left_out, visible_entries
+from stages.ingest.listing import is_file, is_folder, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
-from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES
-from stages.ingest.readers import Frame, axes, check_every, frame_files, frame_folders, read_frames
+from stages.ingest.readers import Frame, check_every, frame_files, frame_folders, read_frames
 from stages.ingest.roboart_pickles import has_transforms
+from stages.ingest.sequences import FRAMES_NAME, TRUTH_NAME, holds_frames, holds_many, is_sequence
 from stages.ingest.truth import read_truth, truth_files
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ _log = logging.getLogger("rearticulate.ingest")
 _MANY_FRAMES = 200
 _ENOUGH_FRAMES = 50
 _SECONDS_PER_FRAME = 2.8  # measured for 4096 points on two cores
-_TRUTH_NAME = "ground_truth.npz"
-_FRAMES_NAME = "frames"
 
 
 class Source(Protocol):
@@ -184,13 +182,13 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
         raise InputError(f"{data}: found neither a file nor a folder there, expected {expected}; check the path")
     if config.source == "urdf":
         return _urdf_sources(config.roboart.sequences_per_robot, data)
-    if is_file(data) or _is_sequence(data, certainly=True):
+    if is_file(data) or is_sequence(data, certainly=True):
         return [file_source(data)]
     found = [source for entry in visible_entries(data) if (source := _source_at(entry))]
-    if not any(_holds_many(source.frames_path) for source in found):
+    if not any(holds_many(source.frames_path) for source in found):
         if folders := frame_folders(data):
             raise InputError(f"{data}: {folders}")
-        if _is_sequence(data):
+        if is_sequence(data):
             return [file_source(data)]
     if not found:
         raise InputError(
@@ -249,11 +247,11 @@ def file_source(path: Path) -> FileSource:
     if not is_folder(folder):
         return FileSource(_safe_name(folder.stem), path)
     frames, sequence = path, folder
-    if folder.name == _FRAMES_NAME:
+    if folder.name == FRAMES_NAME:
         sequence = folder.parent
-    elif _holds_frames(path / _FRAMES_NAME):
-        frames = path / _FRAMES_NAME
-    truth = next((file for file in (frames / _TRUTH_NAME, sequence / _TRUTH_NAME) if is_file(file)), None)
+    elif holds_frames(path / FRAMES_NAME):
+        frames = path / FRAMES_NAME
+    truth = next((file for file in (frames / TRUTH_NAME, sequence / TRUTH_NAME) if is_file(file)), None)
     if truth is None and has_transforms(frames):
         truth = frames
     return FileSource(_safe_name(sequence.name), frames, truth)
@@ -262,42 +260,11 @@ def file_source(path: Path) -> FileSource:
 def _source_at(entry: Path) -> FileSource | None:
     """The sequence at an entry of a data set; one that fails when it is loaded where the system tells us nothing."""
     try:
-        if not _is_sequence(entry):
+        if not is_sequence(entry):
             return None
         return file_source(entry) if entry.exists() else FileSource(_safe_name(entry.stem), entry)
     except InputError:
         return FileSource(_safe_name(entry.name), entry)
-
-
-def _is_sequence(path: Path, certainly: bool = False) -> bool:
-    if is_folder(path):
-        return _holds_frames(path, certainly) or _holds_frames(path / _FRAMES_NAME) or _is_unfetched(path, certainly)
-    if path.name == _TRUTH_NAME or is_own_output(path) or not (is_file(path) or path.is_symlink()):
-        return False
-    return axes(path) in (0, 3)
-
-
-def _holds_frames(folder: Path, certainly: bool = False) -> bool:
-    """Whether a folder holds frames; one table alone may be anything, and `certainly` not even several are frames."""
-    files = frame_files(folder) if is_folder(folder) else []
-    if files and files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
-        return len(files) > 1 and not certainly
-    kinds = {axes(file) for file in files}
-    if kinds == {0}:
-        return all(axes(file) != 3 for file in input_files(folder))
-    return 2 in kinds
-
-
-def _is_unfetched(folder: Path, certainly: bool) -> bool:
-    """Whether a folder without other files holds links to frames that are not there."""
-    return not certainly and not input_files(folder) and bool(left_out(folder, FRAME_SUFFIXES, hidden=False))
-
-
-def _holds_many(path: Path) -> bool:
-    try:
-        return not is_folder(path) or len(frame_files(path)) > 1
-    except InputError:
-        return False
 
 
 def _safe_name(name: str) -> str:

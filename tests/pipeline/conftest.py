@@ -146,8 +146,7 @@ class EvaluatedRobots:
         artifacts = {
             "ingest": self.samples["ingested"],
             "result": self.samples["result"].replace(
-                canonical_points=np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32),
-                labels=np.array([0, 0, 1, 1, 1]),
+                canonical_points=np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
             ),
             "evaluation": self.samples["metrics"].replace(parts_true=4, **figures),
             "report": self.samples["report"],

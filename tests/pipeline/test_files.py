@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from pipeline.files import PARTIAL, open_fresh, write_atomically, write_files
+from pipeline.files import PARTIAL, open_fresh, read_whole, write_atomically, write_files
 
 
 def names(folder):
@@ -94,3 +94,12 @@ def test_the_first_file_is_written_last(tmp_path, monkeypatch):
     write_files(tmp_path, {"robot.urdf": b"", "meshes/a.stl": b"", "meshes/b.stl": b""})
     assert written[-1] == "robot.urdf"
     assert (tmp_path / "meshes").is_dir()
+
+
+def test_a_file_that_is_huge_or_never_ends_is_not_read(tmp_path):
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(2**31)
+    os.mkfifo(tmp_path / "pipe")
+    for name, said in (("huge", "2048 MiB"), ("pipe", "no regular file")):
+        with pytest.raises(OSError, match=said):
+            read_whole(tmp_path / name)

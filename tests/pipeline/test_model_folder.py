@@ -82,7 +82,7 @@ def test_a_model_that_may_not_be_read_is_one_line(folder, monkeypatch):
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
-    with pytest.raises(InputError, match=r"model\.npz: cannot be read \(Permission denied\)"):
+    with pytest.raises(InputError, match=r"model\.json: cannot be read \(Permission denied\)"):
         read_model_folder(folder)
 
 
@@ -124,6 +124,12 @@ def test_pickled_arrays_are_refused(folder, samples):
 def test_a_model_of_another_version_is_refused(folder):
     edit(folder, lambda content: content.update(version=3))
     with pytest.raises(InputError, match=r"version: .*\(found 3\); expected a model of version 1 or 2"):
+        read_model_folder(folder)
+
+
+def test_parts_of_other_counts_than_the_labels_are_refused(folder):
+    edit(folder, lambda content: content["parts"][1].update(point_count=7))
+    with pytest.raises(InputError, match=r"model\.json: parts\.1\.point_count: found 7, expected 2 as the labels"):
         read_model_folder(folder)
 
 

@@ -148,6 +148,16 @@ def test_states_that_a_joint_cannot_have_are_refused(model, states, complaint):
         pose_by_states(model, states, STILL)
 
 
+@pytest.mark.parametrize("states", [{"elbow": 1.0}, {"w" * 100_000: 1.0}, {"h" * 100_000: 9.0}, {"h" * 100_000: 1e16}])
+def test_no_name_is_so_long_that_it_fills_the_screen(model, states):
+    hinge, *others = model.model.joints
+    joints = (hinge.model_copy(update={"name": "h" * 100_000}), *others)
+    named = model.replace(model=model.model.model_copy(update={"joints": joints}))
+    with pytest.raises(InputError) as caught:
+        pose_by_states(named, states, STILL)
+    assert len(str(caught.value)) < 400
+
+
 def test_limits_are_kept_by_targets_where_asked_for(model):
     p_source, parts = source_of(model, 1)
     pose = pose_by_targets(model, p_source, moved(true_motions(NEW)[parts], p_source), limits=True).pose

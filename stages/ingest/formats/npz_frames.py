@@ -18,7 +18,12 @@ _FEWEST_ROWS = 5  # fewer are a matrix
 _FIRST = r"start|begin|first|initial|before|source|src|closed|close"
 _LAST = r"end|last|final|after|target|tgt|opened|open"
 _PLACE = re.compile(rf"[0-9]+|(?<![a-z])({_FIRST}|{_LAST})(?![a-z])", re.IGNORECASE)
-_OF_POINTS = re.compile(r"(arr|frames?|points?|pcs?|pcd|pointclouds?|clouds?|scans?|xyz|t|time|step|state)?", re.I)
+_OF_POINTS = re.compile(
+    r"(arr|frames?|points?|pcs?|pcd|pointclouds?|clouds?|scans?|xyz|t|time|step|state|"
+    r"pos|positions?|p|coords?|coordinates?|verts?|vertex|vertices)?",
+    re.I,
+)
+_EXPECTED = "one array of shape (frames, points, 3) or one of shape (points, 3) for each frame"
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,3 @@ def _unclear(path: Path, members: list[Member]) -> InputError:
     elif any(len(member.shape) == 3 and member.shape[1] == 3 for member in members):
         remedy = "save the transpose, array.transpose(0, 2, 1)"
     return InputError(f"{path}: found {found or 'no array'}{more}, expected {_EXPECTED}; {remedy}")
-
-
-_EXPECTED = "one array of shape (frames, points, 3) or one of shape (points, 3) for each frame"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 import struct
 from collections.abc import Iterator
@@ -61,6 +62,8 @@ def split_header(file: IO[bytes], end: str, kind: str) -> tuple[list[list[str]],
     if data.startswith(_UTF16_MARKS):
         raise ValueError("found UTF-16 text, expected plain text (UTF-8)")
     match = re.search(rb"^" + end.encode() + rb"[ \t]*\r?\n", data, re.MULTILINE)
+    if match is None and b"\r" in data and b"\n" not in data[: data.index(b"\r") + 2]:
+        raise ValueError("found lines that end with CR alone; convert them to LF (mac2unix)")
     if match is None:
         raise ValueError(f"found no complete {kind} header")
     lines = data[: match.end()].removeprefix(_UTF8_MARK).decode("latin1").splitlines()
@@ -208,7 +211,7 @@ def _value(data: Any, offset: int, dtype: str) -> tuple[float, int]:
 
 
 def _checked_length(length: float) -> int:
-    if length != int(length) or length < 0:
+    if not math.isfinite(length) or length != int(length) or length < 0:
         raise ValueError(f"found a list of {length} values")
     return int(length)
 

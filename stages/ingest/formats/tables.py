@@ -16,8 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+
 from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, fields, number, numbers
-from stages.ingest.formats.rows import Points
+from stages.ingest.formats.rows import Points, declared_count
 from stages.ingest.messages import check_count
 
 _log = logging.getLogger("rearticulate.ingest")
@@ -33,6 +35,10 @@ _DELIMITERS = (";", "\t", ",", None)
 _LONGEST_HEADER = 1000  # lines
 _SAMPLE = 50  # rows that tell the layout
 _COMMENT = re.compile(r"(^|[\s,;])(#|//|%).*")  # not the # in 1.#QNAN
+_OFF = re.compile(r"(ST)?C?N?4?OFF", re.IGNORECASE)
+_LISTS = re.compile(r"\s*[\[(]\s*([\[(][^\[\](),]*(,[^\[\](),]*){2,}[\])]\s*,?\s*){5}")  # as JSON has them in one line
+_WHOLE = re.compile("[0-9]{1,12}")
+_FEWEST_VERTICES = 5
 _BEFORE_NAMES = "#/% \t"
 _AFTER_NAME = re.compile(r"\s*[\[(].*[\])]$|[ _](m|cm|mm)$")  # a unit
 _POSITION = r"(?:points?|pos|position|coords?|coordinates?|vert|vertex|vertices|field|p|xyz)[ _.:\[-]*"
@@ -59,17 +65,19 @@ def read_table(path: Path, most: int) -> Points:
         header, lines = _split(_lines(file))
         first = next(lines, None)
         if first is None:
-            if _words(header):
-                raise ValueError(f"found no row of three numbers, but {_words(header)[0][:60]!r}")
+            if words := _words(header):
+                bars = "; put commas in place of the |" if "|" in words[-1] else ""
+                raise ValueError(f"found no row of three numbers, but {words[0][:60]!r}{bars}")
             return numbers([], [0, 1, 2], None, 3)
         sample = [first, *itertools.islice(lines, _SAMPLE)]
         if _counts_columns(sample):
             header.append(sample.pop(0))
+        vertices = _Vertices(sample, header)
         layout = _layout(sample[0], header, path)
         _check_commas(sample, layout)
         counts = _Counts(header, most)
-        rows = counts.rows(itertools.chain(sample, lines))
-        points = numbers(rows, layout.columns, layout.delimiter, layout.width)
+        rows = counts.rows(vertices.rows(itertools.chain(sample, lines)))
+        points = vertices.checked(numbers(rows, layout.columns, layout.delimiter, layout.width), layout)
     counts.check(len(points))
     return points
 
@@ -92,7 +100,7 @@ class _Counts:
     """The counts of rows that a .pts file writes before them, and what is there."""
 
     def __init__(self, header: list[str], most: int) -> None:
-        self.declared = [int(line) for line in header if line.isdigit()]
+        self.declared = [declared_count(line) for line in header if line.isdigit()]
         self.most = most
 
     def rows(self, lines: Iterable[str]) -> Iterator[str]:
@@ -100,7 +108,7 @@ class _Counts:
         found = 0
         for line in lines:
             if self.declared and line.isdigit():
-                self.declared.append(int(line))
+                self.declared.append(declared_count(line))
                 continue
             found += 1
             check_count(found, self.most)
@@ -110,6 +118,36 @@ class _Counts:
         """Raise ValueError unless one count, or all of them, tell how many rows there are."""
         if self.declared and found not in (self.declared[-1], sum(self.declared)):
             raise ValueError(f"found {found} of the {sum(self.declared)} points that it declares")
+
+
+class _Vertices:
+    """The row of whole numbers that OFF writes before its vertices: how many there are, of faces and of edges.
+
+    It is taken from `sample`, and OFF from `header`, where they begin so. Without OFF as many rows must follow.
+    """
+
+    def __init__(self, sample: list[str], header: list[str]) -> None:
+        self.sure = bool(header) and _OFF.fullmatch(header[0]) is not None
+        words = sample[0].split()
+        self.first: list[int] = []
+        whole = len(sample) > 1 and len(words) == 3 and all(map(_WHOLE.fullmatch, words))
+        if whole and (self.sure or ("." in sample[1] and int(words[0]) >= _FEWEST_VERTICES)):
+            self.first = [int(word) for word in words]
+            del sample[0], header[: int(self.sure)]
+
+    def rows(self, lines: Iterable[str]) -> Iterable[str]:
+        """The lines of the vertices."""
+        return itertools.islice(lines, self.first[0]) if self.sure and self.first else lines
+
+    def checked(self, points: Points, layout: _Layout) -> Points:
+        """The points, with the first row where that is one after all."""
+        if not self.first or len(points) == self.first[0]:
+            return points
+        if self.sure:
+            raise ValueError(f"found {len(points)} of the {self.first[0]} points that it declares")
+        if layout.width != len(self.first):
+            raise ValueError(f"the number of columns changed from {len(self.first)} to {layout.width} at row 1")
+        return np.vstack([[float(self.first[column]) for column in layout.columns], points])
 
 
 def _open_text(path: Path) -> IO[str]:
@@ -123,8 +161,10 @@ def _open_text(path: Path) -> IO[str]:
 
 def _lines(file: IO[str]) -> Iterator[str]:
     """The lines that are not empty, without white space around them."""
-    while line := checked_line(file.readline(LONGEST_LINE)):
-        stripped = line.strip()
+    while line := file.readline(LONGEST_LINE):
+        if _LISTS.match(line):
+            raise ValueError("found all points in one line, expected a line for each; write each one in a line")
+        stripped = checked_line(line).strip()
         if stripped.startswith(("[", "(")):  # lists of lists
             stripped = stripped.strip("[](), ")
         if stripped:
@@ -187,7 +227,7 @@ def _layout(first: str, header: list[str], path: Path) -> _Layout:
     """The layout of the rows by the first one and the header. Raises ValueError where they do not go together."""
     delimiter = _delimiter(first)
     if isinstance(delimiter, bool):
-        raise ValueError(f"found {len(first.split())} columns, expected x, y and z")
+        raise ValueError(f"found {len(first.split())} columns, expected x, y and z, in the row {first[:40]!r}")
     words = fields(first, delimiter)
     width = len(_without_empty_end(words))
     for line in reversed(header):

@@ -117,3 +117,13 @@ assert done.exit_code == 0, done.output
 assert not {{"torch", "open3d", "matplotlib", "sklearn", "zarr"}} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_joint_named_by_markup_is_shown_as_it_is(reart, model):
+    content = json.loads((model / "model.json").read_text())
+    content["joints"][0]["name"] = "[/red]"
+    del content["json_sha256"]
+    (model / "model.json").write_text(json.dumps(content))
+    (model / "states.json").write_text("{}")
+    shown = reart("pose", "chain", "--states", "chain/states.json")
+    assert (shown.exit_code, "[/red]" in shown.stdout) == (0, True)

@@ -115,3 +115,10 @@ def test_where_there_is_no_fcntl_the_system_is_named():
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=60)
     assert done.returncode == 2
     assert "expected Linux or macOS" in error_of(done)
+
+
+@pytest.mark.parametrize("words", [("status", "--seed", "-1"), ("run", "--dataset", "scans", "--workers", "no")])
+def test_an_option_of_a_wrong_value_is_one_line(words):
+    done = reart(*words)
+    assert done.returncode == 2
+    assert words[-2] in error_of(done)

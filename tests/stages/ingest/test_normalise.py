@@ -240,3 +240,11 @@ def test_a_truth_in_units_much_smaller_than_the_frames_is_refused() -> None:
     truth.Ts_novel_first[0, 1, 0, 3] = 1e10
     with pytest.raises(InputError, match=r"ground truth: found a motion by .* times the object's size"):
         normalise_truth(truth, framed(points), sequence)
+
+
+def test_points_on_one_line_are_refused_and_a_flat_frame_is_not() -> None:
+    along = np.random.default_rng(0).uniform(size=(40, 1))
+    line = along * [0.3, -0.5, 0.2] + [10.0, 20.0, 30.0]
+    assert refusal([*clouds(40), line]).startswith("frame_1.ply: found 40 points on one straight line")
+    flat = clouds(40)[0] * [1.0, 1.0, 0.0]
+    assert normalise(framed([flat, flat]), IngestConfig(), "unknown").frame_count == 2

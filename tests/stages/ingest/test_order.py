@@ -5,6 +5,7 @@ import pytest
 from stages.ingest.order import in_order
 
 PLAIN = [
+    ["Frame_1", "frame_2", "FRAME_3", "frame_10"],
     ["frame_2", "frame_10"],
     ["0.9", "1.05", "1.2"],
     ["-1", "1"],

@@ -4,6 +4,7 @@ import gzip
 import logging
 import os
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -359,3 +360,45 @@ def test_another_kind_of_file_is_named(tmp_path: Path, suffix: str, found: str) 
     assert found in refusal(tmp_path)
     if suffix in (".npy", ".npz"):
         assert found in refusal(tmp_path / f"0{suffix}")
+
+
+def test_a_folder_for_each_frame_may_hold_its_colours_too(tmp_path: Path) -> None:
+    for name in ("scan1", "scan2"):
+        (tmp_path / name).mkdir()
+        for file in ("cloud", "color"):
+            np.save(tmp_path / name / f"{file}.npy", np.ones((40, 3)))
+    assert "a folder for each frame (scan1/cloud.npy, scan2/cloud.npy, ...)" in refusal(tmp_path)
+    for name in ("scan1", "scan2"):
+        (tmp_path / name / "color.npy").rename(tmp_path / name / "cloud2.npy")
+    assert "folders with frames (scan1, scan2)" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("write", [write_ply, write_pcd])
+def test_lines_that_end_with_cr_are_named(tmp_path: Path, write: Callable[[Path, np.ndarray], None]) -> None:
+    suffix = f".{write.__name__.removeprefix('write_')}"
+    for index in range(2):
+        path = tmp_path / f"{index}{suffix}"
+        write(path, np.ones((40, 3)))
+        path.write_bytes(path.read_bytes().replace(b"\n", b"\r"))
+    assert "lines that end with CR alone" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("length", [np.nan, np.inf, -1.0, 0.5])
+def test_lists_of_odd_lengths_are_refused(tmp_path: Path, length: float) -> None:
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 2\nproperty list float int ids\n"
+    header += "".join(f"property float {name}\n" for name in "xyz") + "end_header\n"
+    for index in range(2):
+        (tmp_path / f"{index}.ply").write_bytes(header.encode() + np.array([length, 1, 2, 3] * 2, "<f4").tobytes())
+    assert f"found a list of {length} values" in refusal(tmp_path)
+
+
+def test_no_frame_at_all_is_said_so(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.ones((0, 40, 3)))
+    assert "found no frame, expected at least 2" in refusal(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("stacks", [{"lamp": (5, 40, 3), "door": (5, 40, 3)}, {"0": (5, 40, 3), "1": (6, 40, 3)}])
+def test_a_folder_of_whole_sequences_is_no_sequence(tmp_path: Path, stacks: dict[str, tuple[int, ...]]) -> None:
+    for name, shape in stacks.items():
+        np.save(tmp_path / f"{name}.npy", np.ones(shape))
+    assert "give that file itself as the sequence" in refusal(tmp_path)

@@ -449,3 +449,11 @@ def test_a_folder_of_links_to_nothing_is_a_sequence_that_fails(tmp_path: Path) -
     assert names(tmp_path) == ["a", "b", "c"]
     with pytest.raises(InputError, match=r"0\.ply \(a link to nothing\)"):
         list_sources(CONFIG, tmp_path)[1].load(CONFIG, np.random.default_rng(0))
+
+
+def test_folders_of_a_cloud_and_its_colours_are_no_sequences(tmp_path: Path) -> None:
+    for name in ("scan1", "scan2"):
+        (tmp_path / name).mkdir()
+        for file in ("cloud", "color"):
+            np.save(tmp_path / name / f"{file}.npy", np.ones((40, 3)))
+    assert "a folder for each frame (scan1/cloud.npy, scan2/cloud.npy, ...)" in refusal(CONFIG, tmp_path)

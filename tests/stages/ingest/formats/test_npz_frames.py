@@ -249,3 +249,10 @@ def test_damage_beyond_the_coordinates_is_found(tmp_path: Path, order: str) -> N
     data[data.rindex(np.float64(1439).tobytes())] ^= 1
     path.write_bytes(data)
     assert "CRC" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["pos", "position", "points", "verts", "coord_"])
+def test_positions_are_taken_and_normals_are_not(tmp_path: Path, name: str) -> None:
+    arrays = {f"{name}{index}": cloud for index, cloud in enumerate(CLOUDS)}
+    path = saved(tmp_path, **arrays, **{f"norm{index}": cloud for index, cloud in enumerate(CLOUDS)})
+    assert names(path) == list(arrays)

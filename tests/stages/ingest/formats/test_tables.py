@@ -10,6 +10,7 @@ from schemas.errors import InputError
 from stages.ingest.formats.tables import looks_like_table
 from stages.ingest.messages import TooLargeError
 from stages.ingest.point_formats import read_points
+from stages.ingest.readers import read_frames
 
 POINTS = np.random.default_rng(0).normal(size=(40, 3)).round(4)
 COLOURED = np.column_stack([POINTS, np.full((40, 3), 200)])
@@ -151,3 +152,58 @@ def test_notes_are_no_table(tmp_path: Path) -> None:
     for text in ("scanned on 3 May\nwith 2 cameras\n", "", "a,b,c\n", "\0" * 100):
         path.write_text(text)
         assert not looks_like_table(path)
+
+
+OFF_ROWS = ["0.5 1.5 2.5", "1.5 2.5 3.5", "2.5 0.5 1.5", "3.5 1.5 0.5", "4.5 0.5 0.5", "5.5 0.5 0.5"]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["OFF", "6 0 0", *OFF_ROWS],
+        ["OFF", "# by a program", "6 1 0", *OFF_ROWS, "3 0 1 2"],
+        ["6 0 0", *OFF_ROWS],
+        ["6 4 12", *OFF_ROWS],
+        ["COFF", "6 0 0", *(f"{row} 255 0 0 255" for row in OFF_ROWS)],
+    ],
+    ids=["off", "faces", "no word", "counts", "colours"],
+)
+def test_the_counts_of_an_off_file_are_no_point(tmp_path: Path, lines: list[str]) -> None:
+    path = tmp_path / "cloud.txt"
+    path.write_text("\n".join(lines) + "\n")
+    np.testing.assert_array_equal(read_points(path), [list(map(float, row.split())) for row in OFF_ROWS])
+
+
+@pytest.mark.parametrize("first", ["7 0 0", "0 0 0", "-6 0 0", "6.0 0 0"])
+def test_a_first_row_of_whole_numbers_may_be_a_point(tmp_path: Path, first: str) -> None:
+    path = tmp_path / "cloud.txt"
+    path.write_text("\n".join([first, *OFF_ROWS]) + "\n")
+    np.testing.assert_array_equal(read_points(path), [list(map(float, row.split())) for row in [first, *OFF_ROWS]])
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("OFF\n7 0 0\n" + "\n".join(OFF_ROWS), "found 6 of the 7 points"),
+        ("1|2|3\n4|5|6\n", "put commas in place of the |"),
+        ("[" + ", ".join(["[1.0, 2.0, 3.0]"] * 40) + "]\n", "found all points in one line"),
+        ("[" + ", ".join(["[1.0, 2.0, 3.0]"] * 9000) + "]\n", "found all points in one line"),
+        ("x,y,z\n", "'x,y,z'"),
+        ("9" * 5000 + "\n" + "\n".join(OFF_ROWS), "found a count of '99999999999999999999', expected a number"),
+        ("1,2 3\n4,5 6\n", "'1,2 3'"),
+        ("# only a comment\n", "'# only a comment'"),
+    ],
+)
+def test_why_a_folder_of_texts_holds_no_frames_is_said(tmp_path: Path, text: str, found: str) -> None:
+    for index in range(2):
+        (tmp_path / f"f{index}.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_frames(tmp_path)
+    assert found in str(caught.value)
+    assert "f0.csv: " in str(caught.value)
+
+
+def test_points_of_several_triples_a_line_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.txt"
+    path.write_text("[[1.5, 2, 3], [255, 0, 0]]\n" * 5)
+    np.testing.assert_array_equal(read_points(path), [[1.5, 2, 3]] * 5)
