@@ -216,7 +216,9 @@ CASES = [
         points("every point twice", lambda p, t: np.concatenate([p, p]), found()),
         points("coordinates rounded to a tenth", lambda p, t: p.round(1), said(f"quanti|digits|resolution|{DROPPED}")),
         points("a part that is in one frame only", lambda p, t: p if t else p[: len(p) // 2], lambda folder, ran: ""),
-        points("two states 60 degrees apart", lambda p, t: p, found(2), frames=2, number=800, step=np.pi / 3),
+        points(
+            "two states 60 degrees apart", lambda p, t: p, found(2, diagonal=None), frames=2, number=800, step=np.pi / 3
+        ),
         points(
             "frames of very different density", lambda p, t: p[:: (8, 1, 16)[t % 3]], found(3), frames=3, number=3200
         ),
