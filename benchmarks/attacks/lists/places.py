@@ -22,7 +22,7 @@ POSE, URDF, FIGURE = (
     "reart export model --to urdf --out out",
     "reart figure model --out out/a.png",
 )
-SPACE, DENIED = "no space left", "permission denied"
+SPACE, DENIED = "no space left", "permission denied|not readable"
 
 
 def full(command: str, kilobytes: int, place: str = "out", fill: str = "") -> str:

@@ -54,7 +54,7 @@ def weights(name: str, change: Callable[[bytes], bytes], may: tuple[Verdict, ...
         f"weights: {name}",
         NETWORK,
         both(given("frames"), file("w.safetensors", change(SHIPPED.read_bytes()))),
-        may=REFUSED,
+        may=may,
     )
 
 
@@ -76,6 +76,10 @@ def nan(content: bytes) -> bytes:
     numbers = np.frombuffer(content[8 + length :], "<f4").copy()
     numbers[::50] = np.nan
     return content[: 8 + length] + numbers.tobytes()
+
+
+def huge(content: bytes) -> bytes:
+    return content[:-4000] + np.full(1000, 1e30, "<f4").tobytes()
 
 
 def flip_at(share: float) -> Callable[[bytes], bytes]:
