@@ -49,7 +49,11 @@ class Rows:
             raise ValueError(f"found no {' or '.join(missing)} among the columns {', '.join(names)}")
         if twice := [name for name in names if name != "_" and names.count(name) > 1]:  # _ is PCD's padding
             raise ValueError(f"found the column {twice[0]} twice, expected it once")
-        return [names.index(name) if name in names else lowered.index(name) for name in "xyz"]
+        wanted = [names.index(name) if name in names else lowered.index(name) for name in "xyz"]
+        for column in (self.columns[index] for index in wanted):
+            if column.length or column.values != 1:
+                raise ValueError(f"found several values of {column.name} for a point, expected one")
+        return wanted
 
     def has_lists(self) -> bool:
         """Whether a row's size depends on what it holds."""

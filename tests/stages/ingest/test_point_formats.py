@@ -302,6 +302,8 @@ def test_pcd_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_points(organised), POINTS)
     twice = pcd_header("binary", FIELDS="x x y z", SIZE="4 4 4 4", TYPE="F F F F", COUNT="1 1 1 1")
     assert "the column x twice" in refusal(saved(tmp_path, "a.pcd", twice, body * 2))
+    several = pcd_header("binary", COUNT="2 1 1")
+    assert "several values of x" in refusal(saved(tmp_path, "a.pcd", several, body * 2))
 
 
 def test_pcd_padding_fields_may_repeat(tmp_path: Path) -> None:
