@@ -38,11 +38,11 @@ from stages.ingest.roboart import build_from_urdf
 from stages.ingest.roboart.descriptions import Description, own_descriptions, robot_description
 from stages.ingest.roboart.urdf import JointKind
 from stages.ingest.truth import RawTruth
-from stages.kernels.nearest import KDTree
-from stages.kernels.normalisation import Normalisation
-from stages.kernels.rigid_motion import move_points
-from stages.progress import silent
-from stages.registry import resolve
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree
+from stages.kernels.points.normalisation import Normalisation
+from stages.support.progress import silent
+from stages.support.registry import resolve
 
 STEPS = (10.0, 30.0, 60.0, 120.0)  # degrees a frame
 RIGHT = 0.02  # a match is right within this distance, in diagonals

@@ -19,13 +19,13 @@ from pipeline.presets import load_config
 from schemas.flow import Flow
 from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence
-from stages.energy import EnergyTerms, ReconstructionEnergy
 from stages.flow import estimate_flow
 from stages.ingest import ingest
 from stages.ingest.sources import file_source
-from stages.kernels import se3
-from stages.progress import silent
+from stages.kernels.motion import se3
 from stages.relaxed_fit import fit_relaxed
+from stages.relaxed_fit.reconstruction_energy import EnergyTerms, ReconstructionEnergy
+from stages.support.progress import silent
 
 
 def main(words: list[str] | None = None) -> int:

@@ -45,8 +45,8 @@ from schemas.model_file import ModelJoint, Result
 from schemas.sequence import IngestedSequence
 from stages.export import WRITERS, describe
 from stages.ingest.sources import list_sources
-from stages.kernels.nearest import KDTree
-from stages.kernels.rigid_motion import move_points
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree
 
 STEPS = 1000
 PLACE = 1e-5  # most that a part may be off, as a share of the diagonal

@@ -39,8 +39,8 @@ from schemas.metrics import Metrics
 from schemas.sequence import IngestedSequence
 from stages.evaluation import reanimation_distances
 from stages.final_fit.working import Fit, to_model, working_frames
-from stages.kernels.articulation import Chain
-from stages.kernels.matching import match_parts
+from stages.kernels.kinematics.articulation import Chain
+from stages.kernels.labelling.matching import match_parts
 
 DRAWS = 5  # of the told points; the first is the evaluation's own
 OVERLAP = 0.5  # least share of a part's points, found and true together, that are common to both where it is right

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from schemas.scores import MEASURES, ComparedFigures, Comparison, Difference, Figures, Measure, Scores, Verdict
-from stages.summary import mean_figures
+from stages.evaluation.summary import mean_figures
 
 
 def compare(before: Scores, after: Scores, origin: str) -> Comparison:

@@ -65,7 +65,7 @@ def _swappable(config: PipelineConfig) -> tuple[str | Path | None, ...]:
 
 
 def _resolve(config: PipelineConfig, answer: Connection) -> None:
-    from stages.registry import resolve
+    from stages.support.registry import resolve
 
     die_with_forking_parent()
     parts = (

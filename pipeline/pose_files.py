@@ -21,8 +21,8 @@ from schemas.model_file import ModelFile
 from schemas.pose import Pose, State
 from stages.ingest.messages import one_line
 from stages.ingest.readers import load_npz
-from stages.kernels.colours import distinct_colours
-from stages.kernels.precision import float32_holds
+from stages.kernels.labelling.colours import distinct_colours
+from stages.kernels.points.precision import float32_holds
 
 TARGET_COLUMNS = ("source_x", "source_y", "source_z", "target_x", "target_y", "target_z")
 STATE_COLUMNS = ("name", "value")

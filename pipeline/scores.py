@@ -23,9 +23,9 @@ from pipeline.tasks import EvaluationTask, ReportTask, ResultTask, final_tasks
 from schemas.errors import InputError, first_fault
 from schemas.metrics import Metrics
 from schemas.scores import Figures, GroupScore, Level, MissingScore, MissingState, Scores, SequenceScore, StageCost
+from stages.evaluation.roc import area_under_roc
+from stages.evaluation.summary import figures_of, mean_costs, mean_figures, total_cost
 from stages.ingest.sources import list_sources
-from stages.kernels.roc import area_under_roc
-from stages.summary import figures_of, mean_costs, mean_figures, total_cost
 
 GROUPING: dict[Level, Callable[[SequenceScore], str | None]] = {
     "robot": lambda score: score.robot,

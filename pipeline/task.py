@@ -32,7 +32,7 @@ from schemas.config import PipelineConfig
 from schemas.errors import InputError
 from schemas.manifest import Failure, Provenance
 from stages.ingest.sources import Source
-from stages.progress import Progress
+from stages.support.progress import Progress
 
 PROGRESS_INTERVAL = 0.2  # seconds
 PACKAGES = ("rearticulate", "numpy", "scipy", "torch", "open3d-cpu", "open3d", "networkx", "pykdtree", "zarr", "luigi")

@@ -18,7 +18,7 @@ from schemas.relaxed import RelaxedModel
 from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import IngestedSequence
-from stages.progress import Progress
+from stages.support.progress import Progress
 
 Inputs = Mapping[str, Any]
 

@@ -1,7 +1,7 @@
 """Training of the flow network: the loop over steps, with checkpoints, a log and a curve (A.1).
 
 A run's folder holds checkpoint.safetensors, from which the same command goes on, log.jsonl (schemas.training),
-curve.png, and at the end weights.safetensors. What a step does is in stages.training.
+curve.png, and at the end weights.safetensors. What a step does is in stages.flow.training.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from schemas.errors import InputError
 from schemas.training import Measurement, Step
 from stages.flow.network.model import FeatureNetwork
 from stages.flow.network.weights import DIGEST, check_state, read_safetensors, safetensors_bytes, weights_file
-from stages.training.curve import draw_curve
-from stages.training.learning import Batch, matching_loss, score, turned
-from stages.training.source import PairSource, check_robots, validation_pairs
+from stages.flow.training.curve import draw_curve
+from stages.flow.training.learning import Batch, matching_loss, score, turned
+from stages.flow.training.source import PairSource, check_robots, validation_pairs
 
 CHECKPOINT, LOG, CURVE, WEIGHTS = "checkpoint.safetensors", "log.jsonl", "curve.png", "weights.safetensors"
 CHECKPOINT_FORMAT = "rearticulate flow training 2"
 WARM_UP = 0.04  # share of the steps in which the rate rises
 GREATEST_GRADIENT = 5.0
-TURNS = 2  # stream of random numbers, beside those of stages.training.source
+TURNS = 2  # stream of random numbers, beside those of stages.flow.training.source
 
 _log = logging.getLogger("rearticulate.training")
 

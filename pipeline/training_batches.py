@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection
 from pipeline.processes import die_with_forking_parent, how_it_ended
 from schemas.config import TrainFlowConfig
 from schemas.errors import InputError
-from stages.training.learning import Batch
-from stages.training.source import PairSource
+from stages.flow.training.learning import Batch
+from stages.flow.training.source import PairSource
 
 
 class MakerDied(Exception):

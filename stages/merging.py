@@ -9,10 +9,10 @@ from jaxtyping import Float64, Int64
 from schemas.config import MergingConfig, ProjectionConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.kernels import se3
-from stages.kernels.nearest import neighbours
-from stages.kernels.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
-from stages.kernels.sampling import spacing
+from stages.kernels.motion import se3
+from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
+from stages.kernels.points.nearest import neighbours
+from stages.kernels.points.sampling import spacing
 from stages.projection import link_parts, spatial_energies
 
 SURFACE_NEIGHBOURS = 8

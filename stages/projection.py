@@ -14,10 +14,10 @@ from schemas.config import ProjectionConfig
 from schemas.kinematic import KinematicModel
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
-from stages.kernels import se3
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.sampling import farthest_points, spacing
-from stages.kernels.screw import ScrewFit, fit_screw
+from stages.kernels.kinematics.screw import ScrewFit, fit_screw
+from stages.kernels.motion import se3
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import farthest_points, spacing
 
 
 def project(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:

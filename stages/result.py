@@ -13,9 +13,9 @@ from schemas.kinematic import CONFIDENCES, KinematicModel
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result, Vector
 from schemas.seal import BLANK, sealed, sha256
 from schemas.sequence import PointSequence
-from stages.kernels.contact import next_to_contact
-from stages.kernels.normalisation import Normalisation
-from stages.kernels.precision import float32_holds
+from stages.kernels.points.contact import next_to_contact
+from stages.kernels.points.normalisation import Normalisation
+from stages.kernels.points.precision import float32_holds
 
 
 def to_result(model: KinematicModel, sequence: PointSequence) -> Result:

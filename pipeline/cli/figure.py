@@ -32,8 +32,8 @@ def figure(
         raise InputError(f"--out {out}: found a folder, expected a picture; give another path")
     result = read_model_folder(model)
     writable_folder(out.parent, "--out")
-    from stages.figure import draw  # matplotlib takes a second to import
-    from stages.pictures import picture_bytes
+    from stages.report.figure import draw  # matplotlib takes a second to import
+    from stages.support.pictures import picture_bytes
 
     picture = draw(result, ingested_of_model(model, result))
     write_atomically(out, picture_bytes(picture, out.suffix.lower().removeprefix("."), dpi=110))

@@ -78,7 +78,7 @@ def pose(
     if out is not None:
         writable_folder(out, "--out")
     from pipeline.pose_files import pose_files, read_states, read_targets
-    from stages.posing import pose_by_states, pose_by_targets
+    from stages.rearticulation.posing import pose_by_states, pose_by_targets
 
     if targets is not None:
         source, target = read_targets(targets)

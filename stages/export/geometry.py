@@ -10,12 +10,12 @@ from jaxtyping import Float64, Int64
 from schemas.config import ExportConfig
 from schemas.errors import InputError
 from schemas.model_file import Result
-from stages.kernels.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.rigid_motion import move_points
-from stages.kernels.sampling import spacing
-from stages.kernels.surface_graph import surface_graph
-from stages.open3d_use import needing_open3d
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import spacing
+from stages.kernels.surfaces.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
+from stages.kernels.surfaces.surface_graph import surface_graph
+from stages.support.open3d_use import needing_open3d
 
 FARTHEST = 3.0  # points of a frame farther from the posed model, in spacings, are of none of its parts
 LEAST_SPECK = 0.02  # share of a part's points below which a piece apart from the rest is no part of it

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from stages.kernels.meshing import Mesh
+from stages.kernels.surfaces.meshing import Mesh
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from schemas.robot import Robot, RobotJoint
 from stages.export.markup import document, mesh_files, numbers
-from stages.kernels.colours import distinct_colours
+from stages.kernels.labelling.colours import distinct_colours
 
 FILE = "robot.xml"
 KINDS = {"revolute": "hinge", "prismatic": "slide"}

@@ -16,12 +16,12 @@ from schemas.sequence import METRES
 from stages.export.geometry import cleaned, collision_meshes, fuse, part_mesh
 from stages.export.inertia import Solid, about_axis, solid_of
 from stages.export.remarks import remarks
-from stages.kernels.contact import next_to_contact
-from stages.kernels.meshing import Mesh, convex_hull
-from stages.kernels.normalisation import Normalisation
-from stages.kernels.precision import float32_holds
-from stages.kernels.sampling import spacing
-from stages.mechanism import root_moves
+from stages.kernels.points.contact import next_to_contact
+from stages.kernels.points.normalisation import Normalisation
+from stages.kernels.points.precision import float32_holds
+from stages.kernels.points.sampling import spacing
+from stages.kernels.surfaces.meshing import Mesh, convex_hull
+from stages.rearticulation.mechanism import root_moves
 
 HOLLOW = 0.25  # a mesh that encloses less of its hull is an open shell: then the hull's volume counts
 LEAST_MASS = 1e-3  # of a link, as a share of the robot's: simulators do not stand great ratios

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from schemas.robot import Robot, RobotJoint, RobotLink
 from stages.export.markup import document, mesh_files, numbers
-from stages.kernels.colours import distinct_colours
+from stages.kernels.labelling.colours import distinct_colours
 
 FILE = "robot.urdf"
 

@@ -10,7 +10,6 @@ from schemas.flow import Flow
 from schemas.kinematic import KinematicModel
 from schemas.relaxed import RECONSTRUCTION_ENERGIES
 from schemas.sequence import PointSequence
-from stages.energy import ReconstructionEnergy
 from stages.final_fit.confidence import joint_confidence
 from stages.final_fit.hidden_links import insert_hidden_links
 from stages.final_fit.joint_types import try_hinges
@@ -18,9 +17,10 @@ from stages.final_fit.labelling import relabel
 from stages.final_fit.parallel_slides import hang_slides
 from stages.final_fit.pruning import prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
-from stages.kernels import se3
-from stages.kernels.quantisation import coarseness
-from stages.progress import Progress, silent
+from stages.kernels.motion import se3
+from stages.kernels.points.quantisation import coarseness
+from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
+from stages.support.progress import Progress, silent
 
 STEPS = 4
 SETTLED = 0.003  # share of labels that change in a round, below which a fit has settled

@@ -7,11 +7,11 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 
 from stages.final_fit.working import CONTACT, JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
-from stages.kernels.articulation import Chain
-from stages.kernels.evidence import PLANE_NOISE, motion_cost
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.sampling import farthest_points
-from stages.kernels.screw import fit_screw, screw_transform
+from stages.kernels.alignment.evidence import PLANE_NOISE, motion_cost
+from stages.kernels.kinematics.articulation import Chain
+from stages.kernels.kinematics.screw import fit_screw, screw_transform
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import farthest_points
 
 FREE_STEPS = 3  # registration steps of parts without their joints
 USUAL_PRICE = 30.0  # where parts have no price

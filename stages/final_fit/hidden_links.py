@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from jaxtyping import Float64, Int64
 
+from stages.final_fit.motion_model import MotionModel
+from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
-from stages.kernels.articulation import Chain, Joint, fit_chain
-from stages.kernels.motion_model import MotionModel
-from stages.kernels.sampling import farthest_points
-from stages.kernels.screw import ScrewFit, fit_screw
-from stages.kernels.screw_pair import ScrewPair, fit_screw_pair
+from stages.kernels.kinematics.articulation import Chain, Joint, fit_chain
+from stages.kernels.kinematics.screw import ScrewFit, fit_screw
+from stages.kernels.points.sampling import farthest_points
 
 TOLERATED = 0.25  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
 EXPLAINED = 0.6  # two joints leave at most this share of it

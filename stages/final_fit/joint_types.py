@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from stages.final_fit.working import Fit, Frames, contact_of
-from stages.kernels.articulation import Joint
+from stages.kernels.kinematics.articulation import Joint
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:

@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from stages.final_fit.working import Fit, Frames
-from stages.kernels.evidence import gross_cost, motion_cost
-from stages.kernels.graph_cut import expansion_move
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.rigid_motion import move_points
-from stages.kernels.surface_graph import smoothness_weights, surface_graph
+from stages.kernels.alignment.evidence import gross_cost, motion_cost
+from stages.kernels.labelling.graph_cut import expansion_move
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.surfaces.surface_graph import smoothness_weights, surface_graph
 
 NEIGHBOURS = 8
 FIRST_LOOK = 3  # frames in which a part is seen to be out of the question

@@ -12,8 +12,8 @@ from jaxtyping import Int64
 
 from stages.final_fit.pruning import refitted
 from stages.final_fit.working import CONTACT, Fit, Frames
-from stages.kernels.articulation import Chain, Joint
-from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.kinematics.articulation import Chain, Joint
+from stages.kernels.points.nearest import KDTree, nearest
 
 PARALLEL = np.cos(np.radians(10.0))  # axes at a smaller angle may be the same
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits
-from stages.kernels.articulation import Chain, Joint
-from stages.kernels.sampling import farthest_points
+from stages.kernels.kinematics.articulation import Chain, Joint
+from stages.kernels.points.sampling import farthest_points
 
 # a rise of so many prices is given up: before joints are refined, and after so few steps of it
 ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0

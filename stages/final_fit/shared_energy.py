@@ -10,7 +10,7 @@ from schemas.config import FinalFitConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
 from stages.final_fit.working import working_frames
-from stages.kernels.carry_over import seen_from
+from stages.kernels.alignment.carry_over import seen_from
 
 
 def shared_energies(models: Sequence[KinematicModel], sequence: PointSequence, config: FinalFitConfig) -> list[float]:

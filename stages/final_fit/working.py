@@ -10,13 +10,13 @@ from jaxtyping import Float64, Int64
 
 from schemas.kinematic import KinematicModel, LinkType
 from schemas.sequence import PointSequence
-from stages.kernels import se3
-from stages.kernels.articulation import Chain, fit_chain
-from stages.kernels.evidence import price_over
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import Registration
-from stages.kernels.sampling import working_points
-from stages.kernels.screw import fit_screw, nearest_point_to_origin
+from stages.kernels.alignment.evidence import price_over
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.kinematics.articulation import Chain, fit_chain
+from stages.kernels.kinematics.screw import fit_screw, nearest_point_to_origin
+from stages.kernels.motion import se3
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import working_points
 from stages.projection import part_samples
 
 JOINT_SAMPLES = 60  # points of a part at which hypotheses of its joint are judged

@@ -21,8 +21,8 @@ from stages.flow.hybrid import hybrid_of
 from stages.flow.match import Estimator, matching_by
 from stages.flow.network.describe import describe
 from stages.flow.pair import PairFlow
-from stages.progress import Progress, silent
-from stages.registry import blaming, resolve
+from stages.support.progress import Progress, silent
+from stages.support.registry import blaming, resolve
 
 
 def estimate_none(

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.config import FlowConfig
-from stages.kernels.open3d_library import load_open3d
-from stages.kernels.sampling import spacing
-from stages.open3d_use import needing_open3d
+from stages.kernels.points.sampling import spacing
+from stages.kernels.surfaces.open3d_library import load_open3d
+from stages.support.open3d_use import needing_open3d
 
 NORMAL_NEIGHBOURS = 16
 SHARPNESS = 100.0  # of the matching matrix

@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.config import FlowConfig, GeometricFlowConfig
+from stages.flow.deformation_graph import Alignment, DeformationGraph, build_graph, deform
 from stages.flow.pair import PairFlow, mutual_matches
-from stages.kernels.deformation_graph import Alignment, DeformationGraph, build_graph, deform
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.rigid_motion import move_points
-from stages.kernels.sampling import farthest_points, normals, spacing, working_points
-from stages.progress import Progress
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import farthest_points, normals, spacing, working_points
+from stages.support.progress import Progress
 
 REACH_COARSE, REACH_FINE = 10.0, 2.0  # robust reach at the first and last stiffness, in spacings
 

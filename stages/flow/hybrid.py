@@ -17,9 +17,9 @@ from schemas.config import FlowConfig, GeometricFlowConfig
 from stages.flow.geometric import REACH_FINE, FramePair, align_all, follow
 from stages.flow.match import MOST_POINTS, Describe, Described, Estimator, match_features, places
 from stages.flow.pair import PairFlow
-from stages.kernels.piecewise_rigid import Nodes, Surface, piecewise_rigid
-from stages.kernels.sampling import working_points
-from stages.progress import Progress
+from stages.flow.piecewise_rigid import Nodes, Surface, piecewise_rigid
+from stages.kernels.points.sampling import working_points
+from stages.support.progress import Progress
 
 GOOD_COST = 0.42  # an alignment that costs less leaves nothing but sampling noise
 

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 
 from schemas.config import FlowConfig
 from stages.flow.pair import PairFlow
-from stages.kernels.nearest import KDTree
-from stages.kernels.sampling import spacing, working_points
-from stages.progress import Progress
+from stages.kernels.points.nearest import KDTree
+from stages.kernels.points.sampling import spacing, working_points
+from stages.support.progress import Progress
 
 Describe = Callable[[Float64[np.ndarray, "points 3"], FlowConfig], Float[np.ndarray, "points features"]]
 Estimator = Callable[

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.points.nearest import KDTree, nearest
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from jaxtyping import Float64
 
 from schemas.flow import Flow
 from schemas.sequence import PointSequence
-from stages.kernels.nearest import KDTree
+from stages.kernels.points.nearest import KDTree
 
 # Matches as sure as those of `geometric` (two spacings off, at worst, by default) are followed alike; less sure ones
 # count for less, though never for nothing.

@@ -7,7 +7,7 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.sequence import IngestedSequence
 from stages.ingest.sources import Source
-from stages.progress import Progress, silent
+from stages.support.progress import Progress, silent
 
 
 def ingest(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stages.ingest.formats.rows import Points
-from stages.kernels.quantisation import coarseness, quantisation_step
+from stages.kernels.points.quantisation import coarseness, quantisation_step
 
 _log = logging.getLogger("rearticulate.ingest")
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from stages.ingest.readers import Frame
-from stages.kernels.quantisation import coarseness
+from stages.kernels.points.quantisation import coarseness
 
 _FEWEST = 8  # points at one place; fewer are a coincidence of scans put together
 _SHARE = 0.001  # of the frame's points

@@ -13,10 +13,10 @@ from schemas.config import RelaxedFitConfig
 from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
-from stages.progress import Progress, silent
-from stages.registry import blaming, resolve
 from stages.relaxed_fit.alternating import solve_alternating
 from stages.relaxed_fit.gumbel import solve_gumbel
+from stages.support.progress import Progress, silent
+from stages.support.registry import blaming, resolve
 
 Solver = Callable[[PointSequence, Flow, int, RelaxedFitConfig, np.random.Generator, Progress], RelaxedModel]
 

@@ -19,15 +19,15 @@ from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.flow.trajectories import follow_flow
-from stages.kernels.evidence import price_over
-from stages.kernels.graph_cut import expansion_move
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import Registration
-from stages.kernels.rigid_clustering import moments, rigid_motion
-from stages.kernels.sampling import farthest_points, working_points
-from stages.kernels.surface_graph import SurfaceGraph, surface_graph
-from stages.progress import Progress
+from stages.kernels.alignment.evidence import price_over
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.labelling.graph_cut import expansion_move
+from stages.kernels.motion.rigid_clustering import moments, rigid_motion
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import farthest_points, working_points
+from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
 from stages.relaxed_fit.start import start_from_flow
+from stages.support.progress import Progress
 
 REACH_FIRST, REACH, REACH_LAST = 5.0, 3.0, 2.0  # robust reach of registration, in spacings
 MERGE_SAMPLE = 120  # points of a part that stand for it when a merge is tried

@@ -6,7 +6,7 @@ import numpy as np
 
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
-from stages.kernels.carry_over import seen_from
+from stages.kernels.alignment.carry_over import seen_from
 
 
 def carry_over(model: RelaxedModel, sequence: PointSequence, canonical_frame: int) -> RelaxedModel:

@@ -14,11 +14,11 @@ from schemas.config import GumbelConfig, RelaxedFitConfig
 from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
-from stages.energy import ReconstructionEnergy
 from stages.flow.trajectories import follow_flow
-from stages.kernels import se3
-from stages.progress import Progress
+from stages.kernels.motion import se3
+from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
 from stages.relaxed_fit.start import Start, start_from_flow
+from stages.support.progress import Progress
 
 FIELD_WARM_UP = 500  # gradient steps that teach the segmentation field the start's labels
 HISTORY_EVERY = 10

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from stages.kernels.nearest import KDTree, nearest, neighbours
-from stages.kernels.rigid_clustering import merge_rigid_clusters, moments, rigid_motion
-from stages.kernels.sampling import farthest_points
+from stages.kernels.motion.rigid_clustering import merge_rigid_clusters, moments, rigid_motion
+from stages.kernels.points.nearest import KDTree, nearest, neighbours
+from stages.kernels.points.sampling import farthest_points
 
 SEEDS_PER_PART = 12
 SURFACE_NEIGHBOURS = 6

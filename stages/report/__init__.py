@@ -18,13 +18,13 @@ from schemas.model_file import ModelFile, Result
 from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import LENGTH_SYMBOLS, IngestedSequence, PointSequence
-from stages.figure import counted, draw
-from stages.kernels.colours import colours_of_true_parts
-from stages.pictures import picture_bytes
+from stages.kernels.labelling.colours import colours_of_true_parts
 from stages.report.drawings import curves_svg, heat_svg, tree_svg
+from stages.report.figure import counted, draw
 from stages.report.residuals import part_residuals, sampling_floor
 from stages.report.scene import scene_data
 from stages.report.tables import figures_table, headline, joints_table, parts_table, sliders, true_joints_table
+from stages.support.pictures import picture_bytes
 
 MODES = {"points": "Points", "meshes": "Meshes", "true": "True parts"}
 
@@ -38,7 +38,7 @@ def measure(result: Result, sequence: PointSequence) -> Report:
 def report_files(
     name: str, result: Result, ingested: IngestedSequence, report: Report, robot: Robot | None, metrics: Metrics | None
 ) -> dict[str, bytes]:
-    """report.html, and as report.png the picture of `stages.figure`."""
+    """report.html, and as report.png the picture of `stages.report.figure`."""
     sequence = ingested.sequence
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     labels_true = ingested.true_labels(result.model.canonical_frame)

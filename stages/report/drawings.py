@@ -10,8 +10,8 @@ from jaxtyping import Float64
 
 from schemas.model_file import ModelFile
 from schemas.sequence import JOINT_MARKS
-from stages.kernels.colours import distinct_colours, hexadecimal
-from stages.kernels.tree_layout import tree_layout
+from stages.kernels.labelling.colours import distinct_colours, hexadecimal
+from stages.report.tree_layout import tree_layout
 
 NODE, LEAF_WIDTH, LEVEL_HEIGHT, MARGIN = 14, 48, 62, 22  # of the tree, pixels
 LEFT, ROW, CURVES = 64, 22, 120  # of the residuals: labels, a part's row, the curves' height

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.model_file import Result
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.rigid_motion import move_points
-from stages.kernels.sampling import thinned
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import thinned
 
 MOST_QUERIES = 8192  # points of each cloud whose nearest ones are looked for
 

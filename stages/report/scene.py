@@ -11,10 +11,10 @@ from jaxtyping import Float, Float64, Int64
 
 from schemas.model_file import ModelJoint, Result
 from schemas.robot import Robot
-from stages.kernels.colours import distinct_colours, hexadecimal
-from stages.kernels.meshing import Mesh, decimated
-from stages.kernels.sampling import normals, spacing, thinned
-from stages.open3d_use import needing_open3d
+from stages.kernels.labelling.colours import distinct_colours, hexadecimal
+from stages.kernels.points.sampling import normals, spacing, thinned
+from stages.kernels.surfaces.meshing import Mesh, decimated
+from stages.support.open3d_use import needing_open3d
 
 MOST_POINTS = 20_000  # of the canonical cloud that are shown
 MOST_FRAME_POINTS = 250_000  # of all frames together, and so many at most of each

@@ -11,9 +11,9 @@ from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import ModelFile, ModelJoint
 from schemas.scores import MEASURES
 from schemas.sequence import LENGTH_SYMBOLS
-from stages.kernels.colours import distinct_colours, hexadecimal
+from stages.evaluation.summary import figures_of
+from stages.kernels.labelling.colours import distinct_colours, hexadecimal
 from stages.report.drawings import states_svg
-from stages.summary import figures_of
 
 MEANINGS = {
     "ari": "adjusted Rand index of the labels; 1 is the truth",

@@ -5,7 +5,7 @@ from schemas.config import ExportConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
 from stages.export import WRITERS, describe
-from stages.kernels.kinematic_tree import KinematicTree
+from stages.kernels.kinematics.kinematic_tree import KinematicTree
 from stages.result import to_result
 
 

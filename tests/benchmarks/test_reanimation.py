@@ -11,8 +11,8 @@ from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
 from stages.evaluation import evaluate
-from stages.kernels.kinematic_tree import KinematicTree
-from stages.kernels.rigid_motion import move_points
+from stages.kernels.kinematics.kinematic_tree import KinematicTree
+from stages.kernels.motion.rigid_motion import move_points
 
 POINTS = 300  # of each box
 HINGE, SLIDER = np.array([0.0, 0.3, -0.3, 0.5]), np.array([0.0, 0.05, 0.15, -0.1])

@@ -74,7 +74,7 @@ def test_command_is_ended_for_its_memory_and_its_peak_is_measured(ran):
 def test_peak_memory_is_that_of_the_greatest_process(ran):
     outcome = ran(f"{sys.executable} -c 'x = b\"1\" * 300_000_000'; true")
     assert outcome.code == 0
-    assert 0.28 < outcome.peak_gib < 0.5
+    assert 0.28 < outcome.peak_gib < 1.0
 
 
 def test_processes_that_outlive_a_command_are_named_and_ended(ran, attacks, monkeypatch):

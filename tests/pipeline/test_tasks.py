@@ -6,7 +6,7 @@ import pytest
 from pipeline.tasks import FlowTask
 from schemas.config import CanonicalFrameConfig, PipelineConfig
 from schemas.errors import InputError
-from stages.progress import silent
+from stages.support.progress import silent
 
 
 def test_a_canonical_frame_that_is_not_there_is_told_before_the_flow(tiny, samples, monkeypatch):

@@ -16,8 +16,8 @@ from schemas.config import TrainFlowConfig
 from schemas.errors import InputError
 from schemas.training import Measurement, Step
 from stages.flow.network.weights import load_network, read_safetensors, safetensors_bytes
-from stages.training.learning import Batch
-from stages.training.source import PairSource
+from stages.flow.training.learning import Batch
+from stages.flow.training.source import PairSource
 
 TINY = [
     "robots=[]",

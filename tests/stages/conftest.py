@@ -13,8 +13,8 @@ from schemas.flow import Flow
 from schemas.kinematic import KinematicModel
 from schemas.model_file import Result
 from schemas.sequence import PointSequence
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.screw import screw_transform
+from stages.kernels.kinematics.screw import screw_transform
+from stages.kernels.points.nearest import KDTree, nearest
 from stages.result import to_result
 
 FRAMES, POINTS = 5, 400

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from schemas.kinematic import KinematicModel
 from schemas.model_file import ModelFile
 from schemas.sequence import PointSequence
-from stages.kernels.forward_kinematics import forward_kinematics
+from stages.kernels.kinematics.forward_kinematics import forward_kinematics
 from stages.result import result_files, to_result
 
 FRAMES, CANONICAL, POINTS = 6, 2, 40

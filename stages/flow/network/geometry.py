@@ -14,8 +14,8 @@ from jaxtyping import Float, Float32, Float64, Int64
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.sampling import farthest_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import farthest_points
 
 FINE, CENTRES, HUBS = 1024, 512, 128  # farthest points of the three levels; each level begins the one before
 FINE_GROUPS = ((1024, 16), (512, 24), (256, 24))  # of each centre: its nearest k among the first n fine points

@@ -23,8 +23,8 @@ from stages.ingest.formats.rows import (
     text_lines,
 )
 from stages.ingest.messages import check_count
-from stages.kernels.open3d_library import load_open3d
-from stages.open3d_use import needing_open3d
+from stages.kernels.surfaces.open3d_library import load_open3d
+from stages.support.open3d_use import needing_open3d
 
 
 def read_pcd(path: Path, most: int) -> Points:

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from stages.ingest.roboart.surface import Surface, sample_triangles
-from stages.kernels.open3d_library import load_open3d
-from stages.open3d_use import needing_open3d
+from stages.kernels.surfaces.open3d_library import load_open3d
+from stages.support.open3d_use import needing_open3d
 
 Points = Float64[np.ndarray, "points 3"]
 Labels = Int64[np.ndarray, "points"]

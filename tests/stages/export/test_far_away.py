@@ -10,7 +10,7 @@ import yourdfpy
 
 from schemas.config import ExportConfig
 from stages.export import WRITERS, describe
-from stages.kernels.sampling import spacing
+from stages.kernels.points.sampling import spacing
 from stages.result import result_files
 
 FINE = 1e-6  # of the points' spacing: what is told of motions is as fine

@@ -6,8 +6,8 @@ import pytest
 from schemas.config import ExportConfig
 from schemas.errors import InputError
 from stages.export.geometry import cleaned, collision_meshes, fuse, part_mesh
-from stages.kernels.meshing import convex_hull
-from stages.kernels.nearest import KDTree, nearest
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.surfaces.meshing import convex_hull
 
 
 def input_frames(scene):

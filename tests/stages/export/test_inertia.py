@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from stages.export.inertia import about_axis, solid_of
-from stages.kernels.meshing import convex_hull
+from stages.kernels.surfaces.meshing import convex_hull
 
 
 def box(size, centre=(0.0, 0.0, 0.0)):

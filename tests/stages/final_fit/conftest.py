@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stages.final_fit.working import Fit, Frames
-from stages.kernels.articulation import Chain
-from stages.kernels.registration import Registration
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.kinematics.articulation import Chain
 
 CANONICAL = 2
 REACH = 2.0

@@ -6,7 +6,7 @@ import pytest
 from schemas.kinematic import CONFIDENCES
 from stages.final_fit.confidence import joint_confidence
 from stages.final_fit.working import Fit
-from stages.kernels.articulation import Joint
+from stages.kernels.kinematics.articulation import Joint
 
 PRICE = 30.0
 PART, LINK, TYPE = (CONFIDENCES.index(name) for name in ("part", "link", "type"))

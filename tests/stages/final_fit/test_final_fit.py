@@ -5,7 +5,7 @@ import torch
 import stages.final_fit
 from schemas.config import FinalFitConfig, ProjectionConfig
 from stages.final_fit import fit_final
-from stages.kernels.screw import screw_transform
+from stages.kernels.kinematics.screw import screw_transform
 from stages.projection import link_parts
 
 CONFIG = FinalFitConfig(points=300, energy_points=200)

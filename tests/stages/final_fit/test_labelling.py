@@ -5,9 +5,9 @@ import pytest
 
 from stages.final_fit.labelling import LabelProblem, fuse, relabel
 from stages.final_fit.working import Fit
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.registration import Registration
-from stages.kernels.rigid_motion import move_points
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
 
 SETTINGS = (5, 1.5, 0.008)  # fused frames, price of a boundary, least share
 

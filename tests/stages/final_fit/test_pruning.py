@@ -6,7 +6,7 @@ import pytest
 from schemas.config import FinalFitConfig
 from stages.final_fit.pruning import join, prune
 from stages.final_fit.working import Fit
-from stages.kernels.registration import Registration
+from stages.kernels.alignment.registration import Registration
 
 PRICE, ITERATIONS = FinalFitConfig().part_price, FinalFitConfig().prune_iterations
 

@@ -6,8 +6,8 @@ import torch
 
 from schemas.config import ProjectionConfig
 from stages.final_fit.working import Fit, joint_fits, relative_motions, to_chain, to_model, working_frames
-from stages.kernels import se3
-from stages.kernels.screw import screw_transform
+from stages.kernels.kinematics.screw import screw_transform
+from stages.kernels.motion import se3
 from stages.projection import link_parts
 
 

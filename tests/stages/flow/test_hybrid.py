@@ -6,9 +6,9 @@ from stages.flow.geometric import REACH_FINE, FramePair, align, estimate_geometr
 from stages.flow.hybrid import better_motion, hybrid_of
 from stages.flow.match import Matches
 from stages.flow.pair import PairFlow
-from stages.kernels.nearest import KDTree, nearest
-from stages.kernels.rigid_motion import move_points
-from stages.progress import silent
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.support.progress import silent
 
 GEOMETRIC = GeometricFlowConfig(points=400, nodes=80, iterations=4)
 CONFIG = FlowConfig(geometric=GEOMETRIC)

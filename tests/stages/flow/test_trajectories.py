@@ -1,7 +1,7 @@
 import numpy as np
 
 from stages.flow.trajectories import follow_flow, interpolate
-from stages.kernels.nearest import KDTree
+from stages.kernels.points.nearest import KDTree
 
 
 def test_interpolation_is_exact_at_samples_and_an_average_between():

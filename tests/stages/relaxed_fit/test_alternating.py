@@ -5,8 +5,8 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import AlternatingConfig, RelaxedFitConfig
-from stages.kernels.registration import Registration
-from stages.kernels.surface_graph import SurfaceGraph, surface_graph
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
 from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.alternating import (
     Parts,

@@ -9,10 +9,10 @@ from matplotlib.image import imread
 from schemas.config import ExportConfig
 from schemas.sequence import IngestedSequence
 from stages.export import describe
-from stages.figure import draw
-from stages.pictures import picture_bytes
 from stages.report import measure
+from stages.report.figure import draw
 from stages.report.scene import part_meshes, scene_data
+from stages.support.pictures import picture_bytes
 
 
 @pytest.fixture

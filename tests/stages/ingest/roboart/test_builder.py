@@ -11,7 +11,7 @@ from schemas.errors import InputError
 from stages.ingest.roboart import build_from_urdf, builder
 from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.urdf import read_urdf
-from stages.kernels.screw import screw_transform
+from stages.kernels.kinematics.screw import screw_transform
 
 CONFIG = RoboartConfig(points=600)
 

@@ -1,0 +1,35 @@
+"""The training's course as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from schemas.training import Measurement, Step
+from stages.support.pictures import Figure, picture_bytes
+
+SMOOTHED = 50  # steps that a point of the loss curve is the mean of, at most
+
+
+def draw_curve(steps: Sequence[Step], measurements: Sequence[Measurement], path: Path) -> None:
+    """Loss, and the shares of right matches on validation pairs, by step."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    width = max(1, min(SMOOTHED, len(steps) // 20))
+    loss = np.convolve([step.loss for step in steps], np.full(width, 1 / width), mode="valid")
+    left.plot([step.step for step in steps][width - 1 :], loss, color="#0072b2", label="training")
+    at = [measurement.step for measurement in measurements]
+    left.plot(at, [measurement.loss for measurement in measurements], "o-", color="#d55e00", label="validation")
+    left.set(xlabel="step", ylabel="cross-entropy")
+    left.legend(frameon=False)
+    for name, label, style in (
+        ("right", "right, of all points", "o-"),
+        ("mutual", "mutual matches, of all points", "s--"),
+        ("mutual_right", "right, of mutual matches", "^-"),
+    ):
+        right.plot(at, [100 * getattr(measurement, name) for measurement in measurements], style, label=label)
+    right.set(xlabel="step", ylabel="%", ylim=(0, 100), title="validation")
+    right.legend(frameon=False)
+    path.write_bytes(picture_bytes(figure, "png", dpi=110))

@@ -1,0 +1,1 @@
+"""Clouds against each other: registration of rigid groups, and the evidence for a motion."""

@@ -1,0 +1,107 @@
+"""What all frames say of the motion that a point is held to have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import nearest
+
+NEAREST = 3  # points of a frame that stand for its surface near a moved point
+NEAR = 0.7  # radius, in spacings, within which they count
+PLANE_NOISE = 0.2  # spread of distances from the common plane, in spacings, where the motion is right
+TRUNCATION = 9.0
+USUAL_FRAMES = 9  # besides the canonical one
+CHUNK = 600_000  # places of entries in frames looked at together, for memory's sake
+
+
+def price_over(evidence: float, price: float) -> float:
+    """A price of parts or links, which is meant for `USUAL_FRAMES`, where fewer frames tell (Registration.evidence).
+
+    Costs are means over the frames. A part that is not there still gains from their noise, as its points and its axis
+    are chosen for that: in sum over the frames about as much however many they are, so in the mean the more, the fewer
+    they are. More frames than usual do not lower a price.
+    """
+    return price * max(1.0, USUAL_FRAMES / evidence)
+
+
+def motion_cost(
+    registration: Registration,
+    p: Float64[np.ndarray, "points 3"],
+    point: Int64[np.ndarray, "entries"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> Float64[np.ndarray, "entries"]:
+    """How badly a point's motion with a part is borne out, averaged over frames.
+
+    Each frame's surface near the moved point is carried back by the part's motion. Where the motion is right, all
+    frames' patches lie on one plane through the point; its scatter is far below a single frame's sampling noise.
+    The cost in a frame is the squared distance of the nearest point from that plane in units of its noise, plus half
+    its squared distance from the moved point in spacings, truncated.
+    """
+    step = max(1, CHUNK // len(registration.others))
+    chunks = [slice(start, start + step) for start in range(0, len(point), step)]
+    costs = [_cost(registration, p[point[chunk]], part[chunk], Ts) for chunk in chunks]
+    return np.concatenate(costs) if costs else np.zeros(0)
+
+
+def gross_cost(
+    registration: Registration,
+    p: Float64[np.ndarray, "points 3"],
+    point: Int64[np.ndarray, "entries"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+    frames: Sequence[int],
+) -> Float64[np.ndarray, "entries"]:
+    """The share of `motion_cost` that is due to distances from moved points alone, averaged over some of the frames.
+
+    What is far from every surface in a few frames needs no closer look.
+    """
+    total = np.zeros(len(point))
+    for t in frames:
+        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.noises[t]
+        total += np.minimum(0.5 * distance**2, TRUNCATION)
+    return total / len(frames)
+
+
+def _cost(
+    registration: Registration,
+    p: Float64[np.ndarray, "entries 3"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> Float64[np.ndarray, "entries"]:
+    carried, distance = _carried_back(registration, p, part, Ts)
+    cloud = carried.reshape(len(p), -1, 3)
+    weights = np.exp(-0.5 * (cloud**2).sum(axis=-1) / NEAR**2) + 1e-6
+    weights /= weights.sum(axis=1, keepdims=True)
+    mean = np.einsum("nk,nki->ni", weights, cloud)
+    offsets = cloud - mean[:, None]
+    normal = np.linalg.eigh(np.matmul((weights[..., None] * offsets).transpose(0, 2, 1), offsets))[1][:, :, 0]
+    plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / PLANE_NOISE
+    own = np.einsum("ni,ni->n", normal, mean) / PLANE_NOISE
+    total = np.minimum(plane**2 + 0.5 * distance**2, TRUNCATION).sum(axis=1) + np.minimum(own**2, TRUNCATION)
+    return total / len(registration.others)
+
+
+def _carried_back(
+    registration: Registration,
+    p: Float64[np.ndarray, "entries 3"],
+    part: Int64[np.ndarray, "entries"],
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> tuple[Float64[np.ndarray, "entries frames nearest 3"], Float64[np.ndarray, "entries frames"]]:
+    """Offsets, in each frame's noise, from a point to the nearest points carried back to it, and the least distance."""
+    count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
+    carried = np.empty((len(p), len(registration.others), count, 3))
+    distance = np.empty((len(p), len(registration.others)))
+    for slot, t in enumerate(registration.others):
+        T = Ts[t, part]
+        moved = move_points(T, p)
+        distances, index = registration.trees[t].query(moved, k=count)
+        offset = registration.frames[t][index.reshape(len(p), count)] - moved[:, None]
+        carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.noises[t]
+        distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.noises[t]
+    return carried, distance

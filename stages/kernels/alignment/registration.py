@@ -1,0 +1,294 @@
+"""Registration of rigid groups of points to all frames at once, by Gauss-Newton on robust plane distances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+
+from stages.kernels.motion import se3
+from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.sampling import normals, spacing
+
+POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
+PLANE_NOISE = 0.4  # spread of plane distances, in spacings, where a model fits
+DAMPING = 1e-4
+SPARSER = 1.5  # a frame whose spacing is so many times the canonical one's has a noise of its own
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """What the data say of every part's motion in every frame: their robust cost, and its quadratic model in twists.
+
+    Twists turn about `centres`, the parts' own centres where they lie in each frame: angles in radians, lengths in
+    noise units. Nothing is said of the canonical frame.
+    """
+
+    cost: float
+    hessian: Float64[np.ndarray, "frames parts 6 6"]
+    gradient: Float64[np.ndarray, "frames parts 6"]
+    centres: Float64[np.ndarray, "frames parts 3"]
+
+
+class Registration:
+    """A canonical cloud against the other frames of a sequence.
+
+    Groups are sets of canonical points, given as parallel arrays `index` (entries,) of points and `group`
+    (entries,) of group numbers; groups may overlap. Each group moves by `Ts` (frames, groups, 4, 4).
+    Lengths inside are in units of `noise`, the canonical cloud's spacing. Distances in a far sparser frame are in units
+    of that frame's own spacing (`noises`), since its points are that far off however well they fit.
+    """
+
+    def __init__(self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int) -> None:
+        self.p = frames[canonical_frame]
+        self.noise = spacing(self.p)
+        spacings = np.array([spacing(frame) for frame in frames])
+        self.noises = np.where(spacings > SPARSER * self.noise, spacings, self.noise)
+        self._shares = (self.noise / self.noises) ** 2  # of what a frame as dense as the canonical one would tell
+        self.others = [t for t in range(len(frames)) if t != canonical_frame]
+        self.frames = frames
+        self.trees = [KDTree(frame) for frame in frames]
+        self._normals = [normals(frame) for frame in frames]
+
+    @property
+    def evidence(self) -> float:
+        """How many frames as dense as the canonical one tell as much as the others: a sparser one counts for less."""
+        return float(self._shares[self.others].sum())
+
+    def cost(
+        self,
+        index: Int64[np.ndarray, "entries"],
+        group: Int64[np.ndarray, "entries"],
+        Ts: Float64[np.ndarray, "frames groups 4 4"],
+        truncation: float = 9.0,
+    ) -> Float64[np.ndarray, "entries"]:
+        """How badly each point's motion is borne out, averaged over frames.
+
+        In a frame: the squared plane distance in units of its noise plus half the squared point distance in
+        spacings, truncated.
+        """
+        total = np.zeros(len(index))
+        for t in self.others:
+            p, target, distance = self._matches(t, index, group, Ts)
+            offset = (p - self.frames[t][target]) / self.noises[t]
+            total += _match_cost(self._normals[t][target], offset, distance, truncation)
+        return total / len(self.others)
+
+    def cost_back(
+        self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], truncation: float = 9.0
+    ) -> float:
+        """How badly the posed model bears out the frames' points: `cost` the other way round, in sum."""
+        total = 0.0
+        for t in self.others:
+            p = move_points(Ts[t, labels], self.p)
+            distance, source = nearest(KDTree(p), self.frames[t])
+            offset = (p[source] - self.frames[t]) / self.noises[t]
+            total += _match_cost(self._normals[t], offset, distance / self.noises[t], truncation).sum()
+        return float(total / len(self.others))
+
+    def refine_groups(
+        self,
+        index: Int64[np.ndarray, "entries"],
+        group: Int64[np.ndarray, "entries"],
+        Ts: Float64[np.ndarray, "frames groups 4 4"],
+        iterations: int,
+        reach: float,
+    ) -> Float64[np.ndarray, "frames groups 4 4"]:
+        """Each group registered by itself, from its points to their nearest ones in every frame."""
+        Ts, groups = Ts.copy(), Ts.shape[1]
+        centres = group_means(self.p[index], group, groups)
+        for _ in range(iterations):
+            for t in self.others:
+                p, target, distance = self._matches(t, index, group, Ts)
+                p_centres = move_points(Ts[t], centres)
+                hessian, gradient = normal_equations(
+                    (p - p_centres[group]) / self.noise,
+                    group,
+                    groups,
+                    self._normals[t][target],
+                    (p - self.frames[t][target]) / self.noise,
+                    self._shares[t] * robust_weight(distance, reach),
+                )
+                hessian += DAMPING * _scaled_identity(hessian)
+                twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
+                Ts[t] = turn_about(p_centres, twists, self.noise) @ Ts[t]
+        return Ts
+
+    def refine_parts(
+        self,
+        labels: Int64[np.ndarray, "points"],
+        Ts: Float64[np.ndarray, "frames parts 4 4"],
+        contacts: Int64[np.ndarray, "contacts 2"],
+        iterations: int,
+        reach: float,
+        attachment: float,
+    ) -> Float64[np.ndarray, "frames parts 4 4"]:
+        """All parts registered together, both from model to frame and from frame to model.
+
+        `contacts` are pairs of neighbouring points of different parts; the places between them are asked,
+        with weight `attachment` and robustly, to move alike by both parts' motions. Without it round parts
+        would be free to slide and turn on themselves.
+        """
+        Ts, parts = Ts.copy(), Ts.shape[1]
+        middles = self.p[contacts].mean(axis=1)
+        sides = labels[contacts].T
+        for _ in range(iterations):
+            equations = self.linearise(labels, Ts, reach)
+            for t in self.others:
+                hessian = np.zeros((parts, parts, 6, 6))
+                hessian[np.arange(parts), np.arange(parts)] = equations.hessian[t]
+                gradient, centres = equations.gradient[t], equations.centres[t]
+                self._attach(hessian, gradient, middles, sides, Ts[t], centres, reach, attachment)
+                matrix = hessian.transpose(0, 2, 1, 3).reshape(6 * parts, 6 * parts)
+                matrix[np.diag_indices_from(matrix)] += 1e-3 + DAMPING * matrix.diagonal()
+                twists = -np.linalg.solve(matrix, gradient.ravel()).reshape(parts, 6)
+                Ts[t] = turn_about(centres, twists, self.noise) @ Ts[t]
+        return Ts
+
+    def linearise(
+        self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], reach: float
+    ) -> NormalEquations:
+        """Matches from model to frame and from frame to model, and what they say of each part's motion."""
+        frames, parts = Ts.shape[:2]
+        index = np.arange(len(self.p))
+        own_centres = group_means(self.p, labels, parts)
+        hessian, gradient = np.zeros((frames, parts, 6, 6)), np.zeros((frames, parts, 6))
+        centres = np.stack([move_points(T, own_centres) for T in Ts])
+        cost = 0.0
+        for t in self.others:
+            p, target, distance = self._matches(t, index, labels, Ts)
+            back_distance, back = nearest(KDTree(p), self.frames[t])
+            source = np.concatenate([index, back])
+            target = np.concatenate([target, np.arange(len(back))])
+            distance = np.concatenate([distance, back_distance / self.noises[t]])
+            offset = (p[source] - self.frames[t][target]) / self.noise
+            part, normal = labels[source], self._normals[t][target]
+            arms = (p[source] - centres[t, part]) / self.noise
+            weight = robust_weight(distance, reach)
+            hessian[t], gradient[t] = normal_equations(arms, part, parts, normal, offset, self._shares[t] * weight)
+            squares = self._shares[t] * np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
+            cost += float((squares * np.sqrt(weight)).sum())
+        return NormalEquations(cost, hessian, gradient, centres)
+
+    def _matches(
+        self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Moved points, their nearest in frame t, and the distance to it in that frame's noise."""
+        T_points = Ts[t, group]
+        p = move_points(T_points, self.p[index])
+        distance, target = nearest(self.trees[t], p)
+        return p, target, distance / self.noises[t]
+
+    def _attach(
+        self,
+        hessian: Float64[np.ndarray, "parts parts 6 6"],
+        gradient: Float64[np.ndarray, "parts 6"],
+        middles: Float64[np.ndarray, "contacts 3"],
+        sides: Int64[np.ndarray, "2 contacts"],
+        Ts: Float64[np.ndarray, "parts 4 4"],
+        p_centres: Float64[np.ndarray, "parts 3"],
+        reach: float,
+        attachment: float,
+    ) -> None:
+        """Add the pull of contacts, in place."""
+        a, b = sides
+        p_a, p_b = move_points(Ts[a], middles), move_points(Ts[b], middles)
+        gap = (p_a - p_b) / self.noise
+        weight = attachment * robust_weight(np.linalg.norm(gap, axis=1), reach)
+        jacobians = (
+            (a, twist_jacobian((p_a - p_centres[a]) / self.noise)),
+            (b, -twist_jacobian((p_b - p_centres[b]) / self.noise)),
+        )
+        for row, left in jacobians:
+            np.add.at(gradient, row, np.einsum("nia,n,ni->na", left, weight, gap))
+            for column, right in jacobians:
+                np.add.at(hessian, (row, column), np.einsum("nia,n,nib->nab", left, weight, right))
+
+
+def twist_jacobian(arms: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3 6"]:
+    """d(arm moved by a twist)/d(twist) = [-skew(arm), I]."""
+    jacobian = np.zeros((*arms.shape, 6))
+    jacobian[..., 0, 1], jacobian[..., 0, 2] = arms[..., 2], -arms[..., 1]
+    jacobian[..., 1, 0], jacobian[..., 1, 2] = -arms[..., 2], arms[..., 0]
+    jacobian[..., 2, 0], jacobian[..., 2, 1] = arms[..., 1], -arms[..., 0]
+    jacobian[..., 0, 3] = jacobian[..., 1, 4] = jacobian[..., 2, 5] = 1.0
+    return jacobian
+
+
+def turn_about(
+    centres: Float64[np.ndarray, "groups 3"], twists: Float64[np.ndarray, "groups 6"], noise: float
+) -> Float64[np.ndarray, "groups 4 4"]:
+    """Transforms of twists taken about given centres; angles in radians, lengths in noise units."""
+    rotation = torch.from_numpy(np.ascontiguousarray(twists[:, :3]))
+    Ts = se3.exp(torch.cat([rotation, torch.zeros_like(rotation)], dim=1)).numpy()
+    Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise
+    return Ts
+
+
+def normal_equations(
+    arms: Float64[np.ndarray, "entries 3"],
+    group: Int64[np.ndarray, "entries"],
+    groups: int,
+    normal: Float64[np.ndarray, "entries 3"],
+    offset: Float64[np.ndarray, "entries 3"],
+    weight: Float64[np.ndarray, "entries"],
+) -> tuple[Float64[np.ndarray, "groups 6 6"], Float64[np.ndarray, "groups 6"]]:
+    """Hessian and gradient of each group's twist for plane distances and, lightly, point distances.
+
+    With J = [-skew(arm), I], the point distances' share follows from the moments of (arm, 1) and the offsets.
+    """
+    by_group = np.argsort(group, kind="stable")
+    bounds = np.searchsorted(group[by_group], np.arange(groups + 1))
+    root = np.sqrt(weight)[:, None]
+    along = (root * np.concatenate([np.cross(arms, normal), normal], axis=1))[by_group]
+    distance = (root[:, 0] * np.einsum("ni,ni->n", normal, offset))[by_group]
+    lever = (root * np.concatenate([arms, np.ones((len(arms), 1))], axis=1))[by_group]
+    pull = (root * offset)[by_group]
+    hessian, gradient = np.empty((groups, 6, 6)), np.empty((groups, 6))
+    moments, pulls = np.empty((groups, 4, 4)), np.empty((groups, 4, 3))
+    for k in range(groups):
+        own = slice(bounds[k], bounds[k + 1])
+        hessian[k], gradient[k] = along[own].T @ along[own], along[own].T @ distance[own]
+        moments[k], pulls[k] = lever[own].T @ lever[own], lever[own].T @ pull[own]
+    second, mass = moments[:, :3, :3], moments[:, 3, 3, None, None]
+    turn = twist_jacobian(moments[:, :3, 3])[..., :3]  # minus the skew matrix of the arms' sum
+    inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    upper = np.concatenate([inertia, turn.transpose(0, 2, 1)], axis=2)
+    lower = np.concatenate([turn, mass * np.eye(3)], axis=2)
+    hessian += POINT_TO_POINT * np.concatenate([upper, lower], axis=1)
+    torque = np.stack([pulls[:, i, j] - pulls[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
+    gradient += POINT_TO_POINT * np.concatenate([torque, pulls[:, 3]], axis=1)
+    return hessian, gradient
+
+
+def _match_cost(
+    normal: Float64[np.ndarray, "entries 3"],
+    offset: Float64[np.ndarray, "entries 3"],
+    distance: Float64[np.ndarray, "entries"],
+    truncation: float,
+) -> Float64[np.ndarray, "entries"]:
+    plane = np.einsum("ni,ni->n", normal, offset) / PLANE_NOISE
+    return np.minimum(plane**2 + 0.5 * distance**2, truncation)
+
+
+def _scaled_identity(hessian: Float64[np.ndarray, "groups 6 6"]) -> Float64[np.ndarray, "groups 6 6"]:
+    return np.eye(6) * (10.0 + np.trace(hessian, axis1=1, axis2=2) / 6)[:, None, None]
+
+
+def robust_weight(distance: Float64[np.ndarray, "entries"], reach: float) -> Float64[np.ndarray, "entries"]:
+    """Geman-McClure: matches much farther apart than `reach` hardly count."""
+    return 1.0 / (1.0 + (distance / reach) ** 2) ** 2
+
+
+def group_means(p: np.ndarray, group: np.ndarray, groups: int) -> Float64[np.ndarray, "groups 3"]:
+    counts = np.maximum(np.bincount(group, minlength=groups), 1)
+    return sum_groups(p, group, groups) / counts[:, None]
+
+
+def sum_groups(values: np.ndarray, group: np.ndarray, groups: int) -> np.ndarray:
+    """The sum over each group's rows of (rows, columns) values: (groups, columns)."""
+    return np.stack([np.bincount(group, column, minlength=groups) for column in values.T], axis=1)

@@ -1,0 +1,1 @@
+"""Labels of points: minimum cuts, matches between two segmentations, colours."""

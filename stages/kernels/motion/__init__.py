@@ -1,0 +1,1 @@
+"""Rigid motions: transforms, and the motions of groups of points."""

@@ -1,0 +1,1 @@
+"""Clouds of points: neighbours, sampling, scale and precision."""

@@ -1,0 +1,1 @@
+"""Surfaces: graphs over sampled ones, and meshes."""

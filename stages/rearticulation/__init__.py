@@ -1,0 +1,1 @@
+"""Rearticulation: a fitted model brought to new poses (A.7)."""

@@ -1,0 +1,1 @@
+"""What stages share that is not mathematics: progress, swappable parts, and the use of heavy libraries."""

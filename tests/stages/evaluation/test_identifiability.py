@@ -1,0 +1,44 @@
+import numpy as np
+import torch
+
+from stages.evaluation.identifiability import tellable_points
+from stages.kernels.kinematics.screw import screw_transform
+
+FRAMES, POINTS, CANONICAL = 4, 3000, 1
+
+
+def told(turning_shape, axis: list[float], angles: np.ndarray) -> np.ndarray:
+    """Whether each point is told, of a slab that stands still and a shape on top of it that turns."""
+    Ts = np.tile(np.eye(4), (FRAMES, 2, 1, 1))
+    direction, point = torch.tensor(axis, dtype=torch.float64), torch.tensor([0.0, 0.0, 0.5], dtype=torch.float64)
+    Ts[:, 1] = screw_transform(direction, point, torch.from_numpy(angles - angles[CANONICAL]), torch.zeros(FRAMES))
+    labels = np.repeat([0, 1], POINTS // 2)
+    frames = []
+    for t in range(FRAMES):
+        rng = np.random.default_rng(t)
+        slab = rng.uniform([-1, -1, 0], [1, 1, 0], (POINTS // 2, 3))
+        shape = turning_shape(rng, POINTS // 2)
+        frames.append(np.concatenate([slab, shape @ Ts[t, 1, :3, :3].T + Ts[t, 1, :3, 3]]))
+    return tellable_points(frames, [labels] * FRAMES, Ts, CANONICAL)
+
+
+def tube(rng: np.random.Generator, count: int) -> np.ndarray:
+    angle = rng.uniform(0, 2 * np.pi, count)
+    return np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), rng.uniform(0.2, 1.0, count)])
+
+
+ANGLES = np.array([-0.6, 0.0, 0.4, 0.9])
+
+
+def test_a_tube_that_turns_about_its_own_axis_cannot_be_told_from_what_stands_still():
+    assert told(tube, [0.0, 0.0, 1.0], ANGLES)[POINTS // 2 :].mean() < 0.02
+
+
+def test_the_same_tube_that_tumbles_is_told_but_near_its_axis():
+    tumbling = told(tube, [1.0, 0.0, 0.0], ANGLES)
+    assert tumbling[POINTS // 2 :].mean() > 0.8
+    assert tumbling[: POINTS // 2].mean() > 0.8  # the slab would leave its place with the tube's motion
+
+
+def test_parts_that_never_move_against_each_other_are_not_told():
+    assert not told(tube, [1.0, 0.0, 0.0], np.zeros(FRAMES)).any()
