@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import torch
 from run import facts
 
 from pipeline.presets import load_config
@@ -22,7 +21,7 @@ from schemas.sequence import PointSequence
 from stages.flow import estimate_flow
 from stages.ingest import ingest
 from stages.ingest.sources import file_source
-from stages.kernels.motion import se3
+from stages.kernels.motion.rigid_motion import move_points
 from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.reconstruction_energy import EnergyTerms, ReconstructionEnergy
 from stages.support.progress import silent
@@ -56,8 +55,7 @@ def energy(model: RelaxedModel, sequence: PointSequence, flow: Flow) -> EnergyTe
     """E_recons of a relaxed model, with the weights of the final fit."""
     weights = load_config(["scans"]).final_fit.energy
     measured = ReconstructionEnergy(sequence, flow, model.canonical_frame, weights, 2048, 1)
-    Ts = torch.from_numpy(model.Ts_frame_canonical[:, model.labels[measured.index]])
-    return measured(se3.transform(Ts, torch.from_numpy(measured.p_canonical)[:, None])[..., 0, :], 0)
+    return measured(move_points(model.Ts_frame_canonical[:, model.labels[measured.index]], measured.p_canonical), 0)
 
 
 if __name__ == "__main__":

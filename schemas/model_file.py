@@ -12,8 +12,9 @@ from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
+from schemas.joints import JOINT_KINDS, JointKind, JointType, parents_first
 from schemas.seal import sha256
-from schemas.sequence import JointType, LengthUnit
+from schemas.sequence import LengthUnit
 
 if TYPE_CHECKING:
     from jaxtyping import Float as Float32or64
@@ -26,6 +27,8 @@ else:
 
 
 Vector = tuple[float, float, float]
+Numbers = float | tuple[float, ...]
+"""A number for each degree of freedom of a joint; a plain one where there is one only."""
 
 
 class ModelPart(Schema):
@@ -46,7 +49,8 @@ class ModelJoint(Schema):
     """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates.
 
     `point` is that of the axis next to where the joint's parts touch, as far as the fit knows.
-    A spherical joint turns about it by its states, rotation vectors; `lower` and `upper` are of their lengths.
+    A spherical joint turns about it by its states, rotation vectors; `lower` and `upper` are of their lengths. A joint
+    of several other degrees of freedom has a number for each of them in its states and limits (schemas.joints).
     """
 
     id: int
@@ -56,25 +60,52 @@ class ModelJoint(Schema):
     type: JointType
     axis: Vector
     point: Vector
-    lower: float
-    upper: float
+    lower: Numbers
+    upper: Numbers
     confidence: JointConfidence | None = None
-    states: tuple[float | Vector, ...]
+    states: tuple[Numbers, ...]
+
+    @property
+    def kind(self) -> JointKind:
+        return JOINT_KINDS[self.type]
+
+    @property
+    def lowers(self) -> tuple[float, ...]:
+        """The least of each size (`sizes`)."""
+        return self.lower if isinstance(self.lower, tuple) else (self.lower,)
+
+    @property
+    def uppers(self) -> tuple[float, ...]:
+        """The greatest of each size (`sizes`)."""
+        return self.upper if isinstance(self.upper, tuple) else (self.upper,)
+
+    def ranges(self, length: str) -> list[tuple[float, float, str]]:
+        """The limits of each size, and the symbol of its unit; `length` is that of lengths."""
+        return list(zip(self.lowers, self.uppers, self.kind.symbols(length), strict=False))
+
+    def sizes(self, state: Numbers) -> tuple[float, ...]:
+        """What limits are of: the numbers of a state, or the length of a rotation vector."""
+        if self.kind.is_ball:
+            return (math.hypot(*np.atleast_1d(state)),)
+        return tuple(np.atleast_1d(state).tolist())
 
     @model_validator(mode="after")
     def _check_values(self) -> Self:
-        expected = 3 if self.type == "spherical" else 1
+        expected = self.kind.size
         if any(np.size(state) != expected for state in self.states):
             raise ValueError(f"joint {self.name}: states: expected {expected} numbers each, since it is {self.type}")
+        limits = 1 if self.kind.is_ball else expected
+        if len(self.lowers) != limits or len(self.uppers) != limits:
+            raise ValueError(f"joint {self.name}: limits: expected {limits} numbers each, since it is {self.type}")
         if not all(np.isfinite(state).all() for state in self.states):
             raise ValueError(f"joint {self.name}: states: found NaN or infinity, expected finite values")
         if not abs(math.hypot(*self.axis) - 1.0) < 1e-3 or not np.isfinite(self.point).all():
             raise ValueError(
                 f"joint {self.name}: found axis {self.axis} through {self.point}, expected a unit axis through a point"
             )
-        if not -np.inf < self.lower <= self.upper < np.inf:
+        if not all(-np.inf < low <= high < np.inf for low, high in zip(self.lowers, self.uppers, strict=True)):
             raise ValueError(f"joint {self.name}: found limits {self.lower} to {self.upper}, expected lower <= upper")
-        if (greatest := np.abs(np.hstack([*self.states, self.point, self.lower, self.upper])).max()) > GREATEST:
+        if (greatest := np.abs(np.hstack([*self.states, self.point, *self.lowers, *self.uppers])).max()) > GREATEST:
             raise ValueError(f"joint {self.name}: found a number of size {greatest:g}, expected at most {GREATEST:g}")
         return self
 
@@ -104,13 +135,8 @@ class ModelFile(Schema):
 
     def joints_from_root(self) -> list[ModelJoint]:
         """The joints, each after its parent part's own."""
-        order: list[ModelJoint] = []
-        front = [self.root]
-        while front and len(order) <= len(self.joints):
-            here = [joint for joint in self.joints if joint.parent == front[0]]
-            front = [*front[1:], *(joint.child for joint in here)]
-            order += here
-        return order
+        order = parents_first([joint.parent for joint in self.joints], [joint.child for joint in self.joints])
+        return [self.joints[index] for index in order]
 
     @model_validator(mode="after")
     def _check_model(self) -> Self:

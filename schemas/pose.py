@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Schema
-from schemas.model_file import Vector
+from schemas.model_file import Numbers
 from schemas.sequence import LengthUnit
 
-State = float | Vector  # radians or input units; a rotation vector of a spherical joint
+State = Numbers  # radians and input units
 Row = tuple[float, float, float, float]
 Transform = tuple[Row, Row, Row, Row]
 

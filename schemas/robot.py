@@ -9,6 +9,7 @@ from jaxtyping import Float64, Int64
 from pydantic import Field
 
 from schemas.artifact import Artifact, Schema, Unit
+from schemas.joints import JointType
 from schemas.model_file import Vector
 
 MeshRole = Literal["visual", "collision"]
@@ -50,7 +51,7 @@ class RobotJoint(Schema):
     name: str
     parent: int
     child: int
-    type: Literal["revolute", "prismatic"]
+    type: JointType
     axis: Vector
     lower: float
     upper: float

@@ -9,9 +9,9 @@ from jaxtyping import Float64, Int64
 from pydantic import Field, FiniteFloat, model_validator
 
 from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
+from schemas.joints import JOINT_KINDS, JointKind, JointType
 
 LengthUnit = Literal["metre", "centimetre", "millimetre", "unknown"]
-JointType = Literal["revolute", "prismatic", "spherical"]
 
 LENGTH_SYMBOLS: dict[LengthUnit, str] = {
     "metre": "m",
@@ -21,7 +21,6 @@ LENGTH_SYMBOLS: dict[LengthUnit, str] = {
 }
 METRES: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001}
 MOST_POINTS = 2**40  # of a frame
-JOINT_MARKS: dict[JointType, str] = {"revolute": "R", "prismatic": "P", "spherical": "S"}
 
 
 class PointSequence(Artifact):
@@ -90,6 +89,10 @@ class TrueJoint(Schema):
         description="joint position in each frame minus the one in frame 0: "
         "radians (revolute) or normalised lengths (prismatic)"
     )
+
+    @property
+    def kind(self) -> JointKind:
+        return JOINT_KINDS[self.type]
 
 
 class GroundTruth(Artifact):

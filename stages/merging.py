@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 
 from schemas.config import MergingConfig, ProjectionConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.kernels.motion import se3
 from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
+from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import neighbours
 from stages.kernels.points.sampling import spacing
 from stages.projection import link_parts, spatial_energies
@@ -31,8 +30,7 @@ def merge(
     if config.threshold == 0:
         return model
     p_canonical = sequence.frames()[model.canonical_frame]
-    T_points = torch.from_numpy(model.Ts_frame_canonical[:, model.labels])
-    trajectories = se3.transform(T_points, torch.from_numpy(p_canonical)[:, None])[..., 0, :].numpy()
+    trajectories = move_points(model.Ts_frame_canonical[:, model.labels], p_canonical)
     parts = moments(p_canonical, trajectories, model.labels, model.part_count)
     links = np.stack([model.joint_parent, model.joint_child], axis=1)
     pairs = np.concatenate([links, touching_parts(p_canonical, model.labels)])

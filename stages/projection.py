@@ -7,15 +7,15 @@ from typing import cast
 
 import networkx as nx
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 
 from schemas.config import ProjectionConfig
+from schemas.joints import SCREW
 from schemas.kinematic import KinematicModel
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
-from stages.kernels.kinematics.screw import ScrewFit, fit_screw
-from stages.kernels.motion import se3
+from stages.kernels.kinematics.closed_form import JointFit, fit_joint
+from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points, spacing
 
@@ -39,11 +39,14 @@ def link_parts(
     spatial = spatial_energies(p_canonical, labels, config.contact * noise)
     fits = relative_screws(samples, Ts_frame_canonical)
     # the pair's energy must not depend on which of the two is called the child
-    one_dof = 0.5 * (fits.residual + fits.residual.T).numpy()
+    one_dof = 0.5 * (fits.mean_square + fits.mean_square.T)
     root = base_part(samples, Ts_frame_canonical, np.bincount(labels), config.still * noise)
     cost = config.lambda_spatial * spatial + config.lambda_1dof * one_dof
     links = spanning_tree(cost, root)
     parent, child = links[:, 0], links[:, 1]
+    states = np.concatenate(
+        [np.zeros((len(Ts_frame_canonical), 0)), *(fits.states_of((a, b)) for a, b in links.tolist())], axis=1
+    )
     e_spatial, e_1dof = spatial[parent, child], one_dof[parent, child]
     return KinematicModel(
         canonical_frame=canonical_frame,
@@ -52,10 +55,10 @@ def link_parts(
         Ts_frame_canonical=Ts_frame_canonical,
         joint_parent=parent,
         joint_child=child,
-        joint_types=tuple("screw" for _ in links),
-        axis=fits.axis[parent, child].numpy(),
-        point=fits.point[parent, child].numpy(),
-        states=fits.states[parent, child].numpy(),
+        joint_types=(SCREW.name,) * len(links),
+        axis=fits.axis[parent, child],
+        point=fits.point[parent, child],
+        states=states,
         e_spatial=e_spatial,
         e_1dof=e_1dof,
         energies={
@@ -94,12 +97,14 @@ def spatial_energies(
 
 def relative_screws(
     samples: Float64[np.ndarray, "parts count 3"], Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"]
-) -> ScrewFit:
-    """The best screw of every part (second axis) against every other (first axis); E_1DOF is its residual."""
-    Ts = torch.from_numpy(Ts_frame_canonical).transpose(0, 1)
-    Ts_parent_child = se3.inverse(Ts)[:, None] @ Ts[None, :]
-    p = torch.from_numpy(samples).expand(len(samples), *samples.shape)
-    return fit_screw(Ts_parent_child, p)
+) -> JointFit:
+    """The best screw of every part (second axis) against every other (first axis).
+
+    E_1DOF is the mean squared distance that it leaves.
+    """
+    Ts = Ts_frame_canonical.swapaxes(0, 1)
+    Ts_parent_child = inverse(Ts)[:, None] @ Ts[None, :]
+    return fit_joint([SCREW], Ts_parent_child, np.broadcast_to(samples, (len(samples), *samples.shape)))
 
 
 def base_part(
@@ -112,9 +117,9 @@ def base_part(
 
     A fixed base stands still. Of a free one nothing but its size tells: the trunk is not the part that moves least.
     """
-    p = torch.from_numpy(samples)
-    moved = (se3.transform(torch.from_numpy(Ts_frame_canonical), p) - p).norm(dim=-1).mean(dim=(0, 2))
-    return int(moved.argmin() if moved.min() <= still else sizes.argmax())
+    moved = move_points(Ts_frame_canonical[:, :, None], samples) - samples
+    travel = np.linalg.norm(moved, axis=-1).mean(axis=(0, 2))
+    return int(travel.argmin() if travel.min() <= still else sizes.argmax())
 
 
 def spanning_tree(cost: Float64[np.ndarray, "parts parts"], root: int) -> Int64[np.ndarray, "joints 2"]:

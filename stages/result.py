@@ -9,8 +9,9 @@ import zipfile
 import numpy as np
 from jaxtyping import Float64
 
+from schemas.joints import SCREW
 from schemas.kinematic import CONFIDENCES, KinematicModel
-from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result, Vector
+from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Numbers, Result, Vector
 from schemas.seal import BLANK, sealed, sha256
 from schemas.sequence import PointSequence
 from stages.kernels.points.contact import next_to_contact
@@ -23,10 +24,10 @@ def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
 
     Raises ValueError for a model with screw joints: those are decided by the final fit.
     """
-    undecided = [joint for joint, kind in enumerate(model.joint_types) if kind == "screw"]
+    undecided = [joint for joint, kind in enumerate(model.kinds) if kind == SCREW]
     if undecided:
         raise ValueError(
-            f"KinematicModel.joint_types: joints {undecided} are screws, expected revolute or prismatic; "
+            f"KinematicModel.joint_types: joints {undecided} are screws, expected kinds that are decided; "
             "run the final fit first"
         )
     p_canonical = sequence.to_input(sequence.frames()[model.canonical_frame])
@@ -51,22 +52,25 @@ def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
 
 def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJoint:
     parent, child = int(model.joint_parent[joint]), int(model.joint_child[joint])
-    revolute = model.joint_types[joint] == "revolute"
-    states = model.states[joint, :, 0] if revolute else model.states[joint, :, 1] * sequence.scale
+    kind = model.kinds[joint]
+    states = model.states_of(joint) * kind.units(sequence.scale)
     axis, p = model.axis[joint], sequence.frames()[model.canonical_frame]
-    point = next_to_contact(p[model.labels == parent], p[model.labels == child], axis, model.point[joint])
+    point = model.point[joint]
+    if kind.has_axis:
+        point = next_to_contact(p[model.labels == parent], p[model.labels == child], axis, point)
+    sizes = np.linalg.norm(states, axis=1, keepdims=True) if kind.is_ball else states
     return ModelJoint(
         id=joint,
         name=f"joint_{parent}_{child}",
         parent=parent,
         child=child,
-        type="revolute" if revolute else "prismatic",
+        type=kind.name,
         axis=_vector(axis),
         point=_vector(sequence.to_input(point)),
-        lower=float(states.min()),
-        upper=float(states.max()),
+        lower=_number_or_tuple(sizes.min(axis=0)),
+        upper=_number_or_tuple(sizes.max(axis=0)),
         confidence=_confidence(model, joint),
-        states=tuple(states.tolist()),
+        states=tuple(map(_number_or_tuple, states)),
     )
 
 
@@ -74,6 +78,12 @@ def _confidence(model: KinematicModel, joint: int) -> JointConfidence | None:
     if model.confidence is None:
         return None
     return JointConfidence(**dict(zip(CONFIDENCES, model.confidence[joint].tolist(), strict=True)))
+
+
+def _number_or_tuple(numbers: Float64[np.ndarray, "size"]) -> Numbers:
+    """A joint's state or limit: a number, or several where it has more than one degree of freedom."""
+    values = numbers.tolist()
+    return values[0] if len(values) == 1 else tuple(values)
 
 
 def _vector(p: Float64[np.ndarray, "3"]) -> Vector:

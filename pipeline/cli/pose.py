@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.options import JsonOption, ModelArgument, naming, screen, writable_folder
+from pipeline.cli.tables import observed_range
 from pipeline.files import write_files
 from pipeline.model_folder import read_model_folder
 from schemas.errors import InputError
@@ -103,12 +104,10 @@ def show(pose: Pose, model: ModelFile, console: Console) -> None:
     length = LENGTH_SYMBOLS[model.units]
     table = Table("joint", "type", "state", "observed range", "")
     for joint in model.joints:
-        unit = length if joint.type == "prismatic" else "rad"
         remark = "not told by the targets" if joint.name in pose.undetermined else ""
         remark = "at its limit" if joint.name in pose.at_limit else remark
         state = " ".join(f"{value + 0.0:.4g}" for value in np.atleast_1d(pose.states[joint.name]))
-        limits = f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}"  # + 0.0: no "-0"
-        table.add_row(escape(joint.name), joint.type, state, limits, remark)
+        table.add_row(escape(joint.name), joint.type, state, observed_range(joint, length), remark)
     console.print(table)
     if pose.base_undetermined:
         console.print("the targets do not tell all of the base's motion")

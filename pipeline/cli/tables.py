@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline import report_tables
-from schemas.model_file import ModelFile
+from schemas.model_file import ModelFile, ModelJoint
 from schemas.sequence import LENGTH_SYMBOLS
 
 COLOURS = {"better": "green", "worse": "red"}
@@ -18,14 +18,19 @@ def model_table(model: ModelFile) -> Table:
     title = f"{len(model.parts)} part{'' if len(model.parts) == 1 else 's'}"
     table = Table("joint", "parent", "child", "type", "axis", "range", title=title)
     for joint in model.joints:
-        unit = LENGTH_SYMBOLS[model.units] if joint.type == "prismatic" else "rad"
         table.add_row(
             *map(escape, (joint.name, model.parts[joint.parent].name, model.parts[joint.child].name)),
             joint.type,
             " ".join(f"{value:.3f}" for value in joint.axis),
-            f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}",  # + 0.0: no "-0"
+            observed_range(joint, LENGTH_SYMBOLS[model.units]),
         )
     return table
+
+
+def observed_range(joint: ModelJoint, length: str) -> str:
+    """The limits of a joint with their units; `length` is the symbol of that of lengths."""
+    ranges = joint.ranges(length)
+    return ", ".join(f"{low + 0.0:.3g} .. {high + 0.0:.3g} {unit}" for low, high, unit in ranges)  # + 0.0: no "-0"
 
 
 def screen_table(table: report_tables.Table) -> Table:

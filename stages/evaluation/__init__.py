@@ -16,7 +16,7 @@ from stages.evaluation.tree_edit_distance import unordered_tree_edit_distance
 from stages.kernels.labelling.matching import match_parts
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import working_points
-from stages.rearticulation.mechanism import Mechanism, root_moves
+from stages.rearticulation.mechanism import Mechanism, chain_of, root_moves
 from stages.rearticulation.solver import rearticulate
 
 TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
@@ -132,7 +132,7 @@ def reanimation_distances(
 ) -> Float64[np.ndarray, "states points"]:
     """How far each point is from its true place in the unseen states, when the model is told where some of them lie."""
     p_true = move_points(_since_canonical(truth.Ts_novel_first, truth, model)[:, labels_true], p_canonical)
-    mechanism = Mechanism.of(model, free_root=root_moves(model.Ts_frame_canonical[:, model.root]))
+    mechanism = Mechanism.without_limits(chain_of(model, root_moves(model.Ts_frame_canonical[:, model.root])))
     found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
     Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
     distances: np.ndarray = np.linalg.norm(
@@ -186,8 +186,8 @@ def _confidence(model: KinematicModel, joint: int) -> float | None:
 
 def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTruth, true: TrueJoint) -> JointMetrics:
     """One predicted joint against the true one, whose parent was matched to the predicted part `parent`."""
-    predicted_type = model.joint_types[joint]
-    if true.type == "spherical":  # has no axis
+    predicted_type, kind = model.joint_types[joint], model.kinds[joint]
+    if not (true.kind.has_axis and kind.has_axis):
         return JointMetrics(
             name=true.name, true_type=true.type, predicted_type=predicted_type, confidence=_confidence(model, joint)
         )
@@ -195,16 +195,19 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
     axis_true = T_canonical_first[:3, :3] @ np.asarray(true.axis)
     point_true = T_canonical_first[:3, :3] @ np.asarray(true.point) + T_canonical_first[:3, 3]
     axis, point = model.axis[joint], model.point[joint]
-    located = true.type == "revolute" and predicted_type != "prismatic"
+    located = true.kind.turns == "axis" and kind.turns == "axis"
     reversed_joint = (axis @ axis_true < 0) != (model.joint_parent[joint] != parent)
-    states = (-1 if reversed_joint else 1) * model.states[joint, :, 0 if true.type == "revolute" else 1]
+    sign = -1 if reversed_joint else 1
+    state_error = None
+    if kind == true.kind and kind.size == 1:
+        state_error = _state_error(sign * model.states_of(joint)[:, 0], true, model.canonical_frame)
     return JointMetrics(
         name=true.name,
         true_type=true.type,
         predicted_type=predicted_type,
         axis_angle_deg=float(np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, axis_true)), abs(axis @ axis_true)))),
         axis_distance_percent=100 * line_distance(axis, point, axis_true, point_true) if located else None,
-        state_error=_state_error(states, true, model.canonical_frame) if predicted_type == true.type else None,
+        state_error=state_error,
         confidence=_confidence(model, joint),
     )
 
@@ -212,7 +215,7 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
 def _state_error(states: Float64[np.ndarray, "frames"], true: TrueJoint, canonical_frame: int) -> float:
     """Mean |difference| of the states since the canonical frame: radians, or % of the diagonal."""
     difference = (states - states[canonical_frame]) - (np.asarray(true.states) - true.states[canonical_frame])
-    if true.type == "prismatic":
+    if true.kind.turns == "none":
         return 100 * float(np.abs(difference).mean())
     return float(np.abs((difference + np.pi) % (2 * np.pi) - np.pi).mean())
 

@@ -111,7 +111,7 @@ def describe(
 def check_exportable(result: Result) -> None:
     """Raises InputError for a spherical joint, and for points that span nothing."""
     for joint in result.model.joints:
-        if joint.type == "spherical":
+        if joint.kind.size != 1:
             raise InputError(
                 f"joint {joint.name}: found a spherical joint, expected revolute and prismatic ones only; "
                 "put three revolute joints in its place, or export another model"
@@ -167,23 +167,23 @@ def _joints(
         carried[joint.parent] |= carried[joint.child]
     joints = []
     for joint in order:
-        factor = scale if joint.type == "prismatic" else 1.0
+        [factor] = joint.kind.units(scale)
         states = factor * np.array(joint.states, dtype=np.float64)
-        low, high = min(factor * joint.lower, states.min()), max(factor * joint.upper, states.max())
-        least = LEAST_RANGE * (diagonal if joint.type == "prismatic" else 1.0)
+        low, high = min(factor * joint.lowers[0], states.min()), max(factor * joint.uppers[0], states.max())
+        [least] = LEAST_RANGE * joint.kind.units(diagonal)
         margin = max(config.limit_margin * (high - low), (least - (high - low)) / 2)
         axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
         load = 0.0
         for part in carried[joint.child]:
             link = links[part]
             arm = np.add(link.origin, link.centre) - links[joint.child].origin
-            load += about_axis(inertias[part], link.mass, arm, axis) if joint.type == "revolute" else link.mass
+            load += about_axis(inertias[part], link.mass, arm, axis) if joint.kind.angles else link.mass
         joints.append(
             RobotJoint(
                 name=joint.name,
                 parent=joint.parent,
                 child=joint.child,
-                type="revolute" if joint.type == "revolute" else "prismatic",
+                type=joint.type,
                 axis=_vector(axis),
                 lower=float(low - margin),
                 upper=float(high + margin),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from schemas.config import FinalFitConfig
 from schemas.flow import Flow
@@ -17,7 +16,7 @@ from stages.final_fit.labelling import relabel
 from stages.final_fit.parallel_slides import hang_slides
 from stages.final_fit.pruning import prune
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
-from stages.kernels.motion import se3
+from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.quantisation import coarseness
 from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
 from stages.support.progress import Progress, silent
@@ -87,6 +86,5 @@ def reconstruction_energies(
 ) -> dict[str, float]:
     """E_recons and its terms (Eq. 5), for comparison with other fits."""
     energy = ReconstructionEnergy(sequence, flow, model.canonical_frame, config.energy, config.energy_points, 1)
-    Ts = torch.from_numpy(model.Ts_frame_canonical[:, model.labels[energy.index]])
-    predicted = se3.transform(Ts, torch.from_numpy(energy.p_canonical)[:, None])[..., 0, :]
+    predicted = move_points(model.Ts_frame_canonical[:, model.labels[energy.index]], energy.p_canonical)
     return dict(zip(RECONSTRUCTION_ENERGIES, energy(predicted, 0).row(), strict=True))

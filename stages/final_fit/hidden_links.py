@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 
+from schemas.joints import PRISMATIC, REVOLUTE
 from stages.final_fit.motion_model import MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
-from stages.kernels.kinematics.articulation import Chain, Joint, fit_chain
-from stages.kernels.kinematics.screw import ScrewFit, fit_screw
+from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
+from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.points.sampling import farthest_points
 
 TOLERATED = 0.25  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
@@ -27,7 +26,6 @@ ROUNDS = 6  # in which links are inserted: a joint of three degrees of freedom n
 PAIR_STEPS = 6  # Levenberg-Marquardt steps on each start of such a pair
 TRIAL, SETTLE = 10, 40  # Levenberg-Marquardt steps on the motion model, to judge a chain and to fit it
 STILL_BASE = 0.3  # RMS, in spacings, that one joint may leave of the root's motion
-KINDS: tuple[Literal["revolute", "prismatic"], ...] = ("revolute", "prismatic")
 Link = tuple[int, int]  # a joint's parent and child
 
 
@@ -72,7 +70,7 @@ class _Trials:
         return MotionModel(equations, self.Ts_free, self.frames.noise)
 
     def cost(self, chain: Chain) -> float:
-        return self.model(chain.Ts()).cost
+        return self.model(chain.Ts).cost
 
     def fit(self, chain: Chain, iterations: int) -> Chain:
         return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
@@ -89,7 +87,7 @@ class _Trials:
         if seen is None or not (self.labels == child).any():
             return None
         if seen != parent:  # the parent's motion is the chain's, which changes
-            return self._pair(chain.Ts()[:, parent], seen, child)
+            return self._pair(chain.Ts[:, parent], seen, child)
         if (parent, child) not in self.pairs:
             self.pairs[parent, child] = self._pair(self.Ts_free[:, parent], seen, child)
         return self.pairs[parent, child]
@@ -100,7 +98,7 @@ class _Trials:
         contact = contact_of(frames.p[self.labels == seen], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
-        left = min(_rms(fit_screw(torch.from_numpy(motion), torch.from_numpy(p_child), kind)) for kind in KINDS)
+        left = float(fit_joint([REVOLUTE, PRISMATIC], motion, p_child).rms)
         if left <= TOLERATED * frames.noise:
             return None
         pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.noise, PAIR_STEPS)
@@ -109,25 +107,24 @@ class _Trials:
 
 def _links(chain: Chain) -> dict[Link, int]:
     """Each joint's number, by the parts that it links."""
-    return {link: joint for joint, link in enumerate(zip(chain.parent.tolist(), chain.child.tolist(), strict=True))}
+    return {
+        link: joint
+        for joint, link in enumerate(zip(chain.tree.parent.tolist(), chain.tree.child.tolist(), strict=True))
+    }
 
 
 def _seen_above(chain: Chain, labels: Int64[np.ndarray, "points"], part: int) -> int | None:
     """The part itself or the nearest part above it that has points."""
-    parents = chain.parents()
+    parents = chain.tree.parents
     while part >= 0 and not (labels == part).any():
         part = int(parents[part])
     return part if part >= 0 else None
 
 
-def _rms(fit: ScrewFit) -> float:
-    return float(fit.residual.sqrt())
-
-
 def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
     """The chain with a further part within one of its joints; the new part is numbered behind the others."""
     joints = chain.joints()
-    first, second = (Joint(0, 0, True, pair.axis[k], pair.point[k], pair.states[k]) for k in (0, 1))
+    first, second = (Joint(REVOLUTE, 0, 0, pair.axis[k], pair.point[k], pair.states[:, [k]]) for k in (0, 1))
     link, whole = chain.parts, joints[joint]
     joints[joint : joint + 1] = [
         replace(first, parent=whole.parent, child=link),
@@ -138,18 +135,12 @@ def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
 
 def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Frames) -> Chain:
     """A moving root that one revolute joint explains becomes the child of a still part."""
-    p_root = frames.p[labels == chain.root]
-    if not chain.free_root or len(p_root) == 0:
+    root, base = chain.tree.root, chain.parts
+    p_root = frames.p[labels == root]
+    if not chain.tree.free_root or len(p_root) == 0:
         return chain
-    p = torch.from_numpy(p_root[farthest_points(p_root, JOINT_SAMPLES)])
-    turn = fit_screw(torch.from_numpy(chain.T_frame_root), p, "revolute")
-    if _rms(turn) > STILL_BASE * frames.noise:
+    p_root = p_root[farthest_points(p_root, JOINT_SAMPLES)]
+    turn = fit_joint([REVOLUTE], chain.T_frame_root, p_root).since(frames.canonical_frame)
+    if turn.rms > STILL_BASE * frames.noise:
         return chain
-    states = turn.states.numpy()[:, 0]
-    base = chain.parts
-    joint = Joint(
-        base, chain.root, True, turn.axis.numpy(), turn.point.numpy(), states - states[frames.canonical_frame]
-    )
-    joints = [joint, *chain.joints()]
-    still = np.tile(np.eye(4), (len(chain.T_frame_root), 1, 1))
-    return replace(chain.with_joints(joints), root=base, T_frame_root=still, free_root=False)
+    return Chain.of([Joint.of(turn, base, root), *chain.joints()], base, chain.T_frame_root, free_root=False)

@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64
 
+from schemas.joints import PRISMATIC, REVOLUTE
 from stages.final_fit.working import Fit, Frames, contact_of
-from stages.kernels.kinematics.articulation import Joint
+from stages.kernels.kinematics.chain import Joint
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
     """Each prismatic joint made a hinge at its contact where that leaves less of the frames, both refined as long."""
-    for index in np.flatnonzero(~fit.chain.revolute).tolist():
+    for index in [index for index, kind in enumerate(fit.chain.tree.kinds) if kind == PRISMATIC]:
         joint = fit.chain.joint(index)
         p_parent, p_child = (frames.p[fit.labels == part] for part in (joint.parent, joint.child))
         if len(p_parent) == 0 or len(p_child) == 0:
@@ -35,9 +36,9 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
 def hinge_at(p_contact: Float64[np.ndarray, "3"], p_centre: Float64[np.ndarray, "3"], slide: Joint) -> Joint:
     """The hinge through a point whose child's centre turns nearest to where a prismatic joint takes it."""
     arm = p_centre - p_contact
-    moved = arm + slide.states[:, None] * slide.axis
+    moved = arm + slide.states * slide.axis
     axis = np.cross(arm, slide.axis)
     axis /= max(float(np.linalg.norm(axis)), 1e-12)
     across = np.cross(axis, arm)
     angles = np.arctan2(moved @ across, moved @ arm)
-    return replace(slide, revolute=True, axis=axis, point=p_contact, states=angles)
+    return replace(slide, kind=REVOLUTE, axis=axis, point=p_contact, states=angles[:, None])

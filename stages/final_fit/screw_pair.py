@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import roma
-import torch
 from jaxtyping import Float64
 
+from schemas.joints import REVOLUTE
 from stages.kernels.alignment.registration import NormalEquations, twist_jacobian
-from stages.kernels.kinematics.articulation import Chain, fit_chain
+from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
+from stages.kernels.motion.rigid_motion import move_points, rotation_vectors
 
 DIRECTIONS = 6  # first axes that a fit starts from, spread over the plane in which the rotation vectors lie
 AS_GOOD = 1.3, 0.05  # a fit is as good as the best within this factor, or so many noise units
@@ -22,7 +22,7 @@ class ScrewPair:
 
     axis: Float64[np.ndarray, "2 3"]
     point: Float64[np.ndarray, "2 3"]
-    states: Float64[np.ndarray, "2 frames"]
+    states: Float64[np.ndarray, "frames 2"]
     residual: float
 
 
@@ -40,12 +40,12 @@ def fit_screw_pair(
     one that turns least is taken: axes nearly parallel can explain anything by large angles.
     """
     frames = len(Ts_parent_child)
-    target = np.einsum("tij,nj->tni", Ts_parent_child[:, :3, :3], p_child) + Ts_parent_child[:, None, :3, 3]
-    rotations = roma.rotmat_to_rotvec(torch.from_numpy(Ts_parent_child[:, :3, :3].copy())).numpy()
+    target = move_points(Ts_parent_child[:, None], p_child)
+    rotations = rotation_vectors(Ts_parent_child[:, :3, :3])
     plane = np.linalg.svd(rotations, full_matrices=True)[2]
 
     def linearise(Ts: Float64[np.ndarray, "frames 3 4 4"]) -> NormalEquations:
-        p = np.einsum("tij,nj->tni", Ts[:, 2, :3, :3], p_child) + Ts[:, 2, None, :3, 3]
+        p = move_points(Ts[:, 2, None], p_child)
         hessian, gradient = np.zeros((frames, 3, 6, 6)), np.zeros((frames, 3, 6))
         centres = np.zeros((frames, 3, 3))
         centres[:, 2] = p.mean(axis=1)
@@ -60,22 +60,14 @@ def fit_screw_pair(
         first = np.cos(angle) * plane[0] + np.sin(angle) * plane[1]
         second = np.cos(angle) * plane[1] - np.sin(angle) * plane[0]
         axis = np.stack([first, second])
-        states = axis @ rotations.T
-        chain = Chain(
-            root=0,
-            parent=np.array([0, 1]),
-            child=np.array([1, 2]),
-            revolute=np.array([True, True]),
-            axis=axis,
-            point=np.stack([p_contact, p_contact]),
-            states=states - states[:, [canonical_frame]],
-            T_frame_root=np.tile(np.eye(4), (frames, 1, 1)),
-            free_root=False,
-        )
+        states = rotations @ axis.T
+        states -= states[canonical_frame]
+        joints = [Joint(REVOLUTE, k, k + 1, axis[k], p_contact, states[:, [k]]) for k in (0, 1)]
+        chain = Chain.of(joints, 0, Ts_parent_child, free_root=False)
         chain = fit_chain(chain, linearise, canonical_frame, noise, iterations)
-        residual = noise * np.sqrt(linearise(chain.Ts()).cost / (frames * len(p_child)))
-        fits.append(ScrewPair(chain.axis, chain.point, chain.states, float(residual)))
+        residual = noise * np.sqrt(linearise(chain.Ts).cost / (frames * len(p_child)))
+        fits.append(ScrewPair(chain.tree.axis, chain.tree.point, chain.states, float(residual)))
     best = min(fit.residual for fit in fits)
     factor, slack = AS_GOOD
     good = [fit for fit in fits if fit.residual <= max(factor * best, best + slack * noise)]
-    return min(good, key=lambda fit: float(np.ptp(fit.states, axis=1).sum()))
+    return min(good, key=lambda fit: float(np.ptp(fit.states, axis=0).sum()))

@@ -100,7 +100,7 @@ def normalise_transforms(
 
 def _normalise_joint(joint: TrueJoint, sequence: PointSequence) -> TrueJoint:
     x, y, z = ((np.asarray(joint.point) - sequence.centre) / sequence.scale).tolist()
-    unit = sequence.scale if joint.type == "prismatic" else 1.0
+    unit = sequence.scale if joint.kind.turns == "none" else 1.0
     return joint.model_copy(update={"point": (x, y, z), "states": tuple(state / unit for state in joint.states)})
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.model_file import ModelFile
-from schemas.sequence import JOINT_MARKS
 from stages.kernels.labelling.colours import distinct_colours, hexadecimal
 from stages.report.tree_layout import tree_layout
 
@@ -30,10 +29,10 @@ def tree_svg(model: ModelFile) -> str:
     for joint in model.joints:
         (x0, y0), (x1, y1) = places[joint.parent], places[joint.child]
         x, y = x0 + 0.6 * (x1 - x0), y0 + 0.6 * (y1 - y0)  # off the middle, where edges of siblings are apart
-        dashes = ' stroke-dasharray="6 4"' if joint.type == "prismatic" else ""
+        dashes = ' stroke-dasharray="6 4"' if joint.kind.turns == "none" else ""
         shapes.append(
             f'<g><title>{escape(joint.name)}, {joint.type}</title><path class="edge"{dashes} d="M{x0:g} {y0:g}L{x1:g} '
-            f'{y1:g}"/><circle class="mark" cx="{x:g}" cy="{y:g}" r="8"/>{_text(x, y + 4, JOINT_MARKS[joint.type])}</g>'
+            f'{y1:g}"/><circle class="mark" cx="{x:g}" cy="{y:g}" r="8"/>{_text(x, y + 4, joint.kind.mark)}</g>'
         )
     for part in model.parts:
         if part.id in places:

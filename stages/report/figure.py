@@ -8,8 +8,9 @@ from typing import Any, cast
 import numpy as np
 from jaxtyping import Float, Float64, Int64
 
+from schemas.joints import JOINT_KINDS, JointKind
 from schemas.model_file import Result
-from schemas.sequence import JOINT_MARKS, GroundTruth, IngestedSequence, JointType
+from schemas.sequence import GroundTruth, IngestedSequence
 from stages.kernels.labelling.colours import colours_of_true_parts, distinct_colours
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import thinned
@@ -33,7 +34,7 @@ class Model:
     p_frames: Float64[np.ndarray, "frames points 3"]
     root: int | None
     links: list[tuple[int, int, str]]
-    axes: list[tuple[int, JointType, Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]  # child, type, axis, point
+    axes: list[tuple[int, JointKind, Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]  # child, kind, axis, point
 
 
 def draw(result: Result, ingested: IngestedSequence | None = None) -> Figure:
@@ -90,8 +91,8 @@ def _fitted(result: Result, chosen: Int64[np.ndarray, "chosen"]) -> Model:
         labels=labels,
         p_frames=move_points(T, result.canonical_points[chosen].astype(np.float64)),
         root=model.root,
-        links=[(joint.parent, joint.child, JOINT_MARKS[joint.type]) for joint in model.joints],
-        axes=[(joint.child, joint.type, np.array(joint.axis), np.array(joint.point)) for joint in model.joints],
+        links=[(joint.parent, joint.child, joint.kind.mark) for joint in model.joints],
+        axes=[(joint.child, joint.kind, np.array(joint.axis), np.array(joint.point)) for joint in model.joints],
     )
 
 
@@ -107,14 +108,14 @@ def _true(
     assert labels_true is not None
     Ts_frame_canonical = truth.Ts_frame_first @ np.linalg.inv(truth.Ts_frame_first[canonical])
     p_canonical = sequence.frames()[canonical][chosen]
-    types = {(joint.parent, joint.child): JOINT_MARKS[joint.type] for joint in truth.joints}
+    types = {(joint.parent, joint.child): joint.kind.mark for joint in truth.joints}
     linked = [(int(parent), part) for part, parent in enumerate(truth.parent) if parent >= 0]
     roots = np.flatnonzero(truth.parent == -1)
     axes = []
     for joint in truth.joints:
         T_canonical_first = truth.Ts_frame_first[canonical, joint.parent]
         point = sequence.to_input(T_canonical_first[:3, :3] @ np.array(joint.point) + T_canonical_first[:3, 3])
-        axes.append((joint.child, joint.type, T_canonical_first[:3, :3] @ np.array(joint.axis), point))
+        axes.append((joint.child, joint.kind, T_canonical_first[:3, :3] @ np.array(joint.axis), point))
     return Model(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
@@ -149,11 +150,11 @@ def _joint_axes(axes: Axes3D, model: Model, canonical_frame: int, half: float) -
     for part, kind, direction, point in model.axes:
         child = model.p_frames[canonical_frame][model.labels == part]
         middle = point + direction * (direction @ (child.mean(axis=0) - point)) if len(child) else point
-        if kind == "spherical":
+        if not kind.has_axis:
             axes.plot(*point[:, None], color=AXIS_COLOUR, marker="o", markersize=5)
             continue
         ends = np.stack([middle - AXIS_LENGTH * half * direction, middle + AXIS_LENGTH * half * direction])
-        axes.plot(*ends.T, color=AXIS_COLOUR, linewidth=1.8, linestyle="--" if kind == "prismatic" else "-")
+        axes.plot(*ends.T, color=AXIS_COLOUR, linewidth=1.8, linestyle="--" if kind.turns == "none" else "-")
 
 
 def _tree(axes: Axes, model: Model) -> None:
@@ -161,7 +162,7 @@ def _tree(axes: Axes, model: Model) -> None:
     if model.root is None:
         axes.set(title=f"{model.name}tree: unknown")
         return
-    axes.set(title=f"{model.name}tree (R revolute, P prismatic)")
+    axes.set(title=f"{model.name}tree ({_marks(model)})")
     places = tree_layout([(parent, child) for parent, child, _ in model.links], model.root)
     layout = {part: (x, -depth) for part, (x, depth) in places.items()}
     for parent, child, mark in model.links:
@@ -173,6 +174,12 @@ def _tree(axes: Axes, model: Model) -> None:
         axes.scatter(x, y, s=190, color="white", edgecolors=[model.colours[part]], linewidths=2.5, zorder=2)
         axes.text(x, y, str(part), fontsize=8, ha="center", va="center", zorder=3)
     axes.margins(0.12)
+
+
+def _marks(model: Model) -> str:
+    """What the marks of the links stand for; those of hinges and slides always."""
+    shown = {mark for _, _, mark in model.links} | {"R", "P"}
+    return ", ".join(f"{kind.mark} {kind.name}" for kind in JOINT_KINDS.values() if kind.mark in shown)
 
 
 def _flow(axes: Axes3D, p_pair: Float64[np.ndarray, "pair points 3"]) -> None:

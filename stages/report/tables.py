@@ -56,8 +56,8 @@ def sliders(model: ModelFile) -> str:
     for joint in model.joints:
         ends = " <span class='arrow'>→</span> ".join(badge(part, colours[part]) for part in (joint.parent, joint.child))
         what = f"{joint.name}, {joint.type}, part {joint.parent} to part {joint.child}"
-        unit = _unit(model, joint)
-        fields = "".join(_slider(joint, lower, upper, about, unit, what) for lower, upper, about in _ranges(joint))
+        ranges = _ranges(joint, _length(model))
+        fields = "".join(_slider(joint, lower, upper, about, unit, what) for lower, upper, unit, about in ranges)
         rows.append(f'<li><span>{ends} {escape(joint.name)}</span> <span class="kind">{joint.type}</span>{fields}</li>')
     return f"<ol>{''.join(rows)}</ol>" if rows else '<p class="soft">One rigid part: nothing to move.</p>'
 
@@ -88,7 +88,7 @@ def joints_table(model: ModelFile) -> str:
     rows = []
     for joint in model.joints:
         links = f"{badge(joint.parent, colours[joint.parent])} → {badge(joint.child, colours[joint.child])}"
-        states = [_magnitude(state) for state in joint.states]
+        states = [joint.sizes(state)[0] for state in joint.states]
         row = [escape(joint.name), joint.type, links, _vector(joint.axis), _vector(joint.point), _range(model, joint)]
         row.append(states_svg(states, model.canonical_frame))
         if sure:
@@ -162,27 +162,22 @@ def _slider(joint: ModelJoint, lower: float, upper: float, about: str, unit: str
     )
 
 
-def _ranges(joint: ModelJoint) -> list[tuple[float, float, str]]:
-    """The limits of each of a joint's sliders, and the axis that it turns about where there are three."""
-    if joint.type != "spherical":
-        return [(joint.lower, joint.upper, "")]
-    most = max(abs(joint.lower), abs(joint.upper), *(_magnitude(state) for state in joint.states))
-    return [(-most, most, axis) for axis in "xyz"]
+def _ranges(joint: ModelJoint, length: str) -> list[tuple[float, float, str, str]]:
+    """The limits of each of a joint's sliders, their unit, and the axis that it turns about where there are three."""
+    if not joint.kind.is_ball:
+        return [(lower, upper, unit, "") for lower, upper, unit in joint.ranges(length)]
+    most = max(joint.uppers[0], *(joint.sizes(state)[0] for state in joint.states))
+    return [(-most, most, "rad", axis) for axis in "xyz"]
 
 
-def _magnitude(state: float | tuple[float, float, float]) -> float:
-    return float(np.linalg.norm(state)) if isinstance(state, tuple) else state
-
-
-def _unit(model: ModelFile, joint: ModelJoint) -> str:
-    if joint.type != "prismatic":
-        return "rad"
+def _length(model: ModelFile) -> str:
+    """The symbol of the model's unit of length; none where it is unknown."""
     return "" if model.units == "unknown" else LENGTH_SYMBOLS[model.units]
 
 
 def _range(model: ModelFile, joint: ModelJoint) -> str:
-    unit = _unit(model, joint)
-    return f"{_value(joint.lower, unit)} to {_value(joint.upper, unit)}"
+    ranges = joint.ranges(_length(model))
+    return ", ".join(f"{_value(lower, unit)} to {_value(upper, unit)}" for lower, upper, unit in ranges)
 
 
 def _value(value: float, unit: str) -> str:

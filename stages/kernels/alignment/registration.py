@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 
-from stages.kernels.motion import se3
-from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.motion.rigid_motion import from_parts, move_points, rotations
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import normals, spacing
 
@@ -223,10 +221,8 @@ def turn_about(
     centres: Float64[np.ndarray, "groups 3"], twists: Float64[np.ndarray, "groups 6"], noise: float
 ) -> Float64[np.ndarray, "groups 4 4"]:
     """Transforms of twists taken about given centres; angles in radians, lengths in noise units."""
-    rotation = torch.from_numpy(np.ascontiguousarray(twists[:, :3]))
-    Ts = se3.exp(torch.cat([rotation, torch.zeros_like(rotation)], dim=1)).numpy()
-    Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise
-    return Ts
+    R = rotations(twists[:, :3])
+    return from_parts(R, centres - np.einsum("nij,nj->ni", R, centres) + twists[:, 3:] * noise)
 
 
 def normal_equations(

@@ -1,0 +1,116 @@
+"""Kinds of joints: one row a kind. Whatever depends on the kind of a joint follows from its row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from pydantic import AfterValidator
+
+Freedom = Literal["none", "axis", "all"]
+"""Where a joint lets its child turn or slide: nowhere, about or along its axis, or in all directions."""
+
+DEGREES: dict[Freedom, int] = {"none": 0, "axis": 1, "all": 3}
+
+
+@dataclass(frozen=True)
+class JointKind:
+    """What a joint lets its child do: turn about the joint's point, then slide.
+
+    The state of a joint has a number for each degree of freedom. Angles come first, in radians; three of them are a
+    rotation vector. Lengths follow.
+    """
+
+    name: str
+    mark: str
+    turns: Freedom
+    slides: Freedom
+
+    @property
+    def angles(self) -> int:
+        """How many numbers of a state are angles."""
+        return DEGREES[self.turns]
+
+    @property
+    def size(self) -> int:
+        """How many numbers a state has."""
+        return DEGREES[self.turns] + DEGREES[self.slides]
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the angles are a rotation vector. Limits are of its length."""
+        return self.turns == "all"
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether the motion has a direction of its own."""
+        return "axis" in (self.turns, self.slides)
+
+    def basis(self, axis: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "size 6"]:
+        """The motion, a rotation vector and a slide, that a unit of each number of the state adds."""
+        directions = {"none": np.zeros((0, 3)), "axis": axis[None], "all": np.eye(3)}
+        basis = np.zeros((self.size, 6))
+        basis[: self.angles, :3] = directions[self.turns]
+        basis[self.angles :, 3:] = directions[self.slides]
+        return basis
+
+    def units(self, length: float) -> Float64[np.ndarray, "size"]:
+        """The unit of each number of a state: one radian, or `length`."""
+        return np.repeat([1.0, length], [self.angles, self.size - self.angles])
+
+    def symbols(self, length: str) -> tuple[str, ...]:
+        """The symbol of each number's unit: rad, or that of `length`."""
+        return ("rad",) * self.angles + (length,) * (self.size - self.angles)
+
+
+REVOLUTE = JointKind("revolute", "R", "axis", "none")
+PRISMATIC = JointKind("prismatic", "P", "none", "axis")
+SPHERICAL = JointKind("spherical", "S", "all", "none")
+SCREW = JointKind("screw", "C", "axis", "axis")
+"""A joint whose kind is not decided yet: it may turn about its axis and slide along it."""
+FREE = JointKind("free", "F", "all", "all")
+"""How a root moves in the world that nothing holds."""
+
+JOINT_KINDS: dict[str, JointKind] = {kind.name: kind for kind in (REVOLUTE, PRISMATIC, SPHERICAL)}
+"""The kinds that a fitted model may have, by name. A kind that is added here can be fitted, posed and exported."""
+
+
+def joint_kind(name: str) -> JointKind:
+    """The kind of that name. Raises ValueError for an unknown one."""
+    if name not in JOINT_KINDS:
+        raise ValueError(f"found the joint kind {name[:80]!r}, expected one of {', '.join(JOINT_KINDS)}")
+    return JOINT_KINDS[name]
+
+
+def _known(name: str) -> str:
+    return joint_kind(name).name
+
+
+JointType = Annotated[str, AfterValidator(_known)]
+"""The name of one of JOINT_KINDS."""
+
+
+Links = Sequence[int] | Int64[np.ndarray, "joints"]
+
+
+def parents_first(parent: Links, child: Links) -> list[int]:
+    """The joints of a tree, each after that of its parent.
+
+    Joints whose parent is nobody's child come first. Joints that close a loop are left out.
+    """
+    children: dict[int, list[int]] = {}
+    for joint, part in enumerate(np.asarray(parent).tolist()):
+        children.setdefault(part, []).append(joint)
+    below = np.asarray(child).tolist()
+    front = sorted(set(children) - set(below))
+    order: list[int] = []
+    while front:
+        joints = children.get(front.pop(), [])
+        order += joints
+        front += [below[joint] for joint in joints]
+        if len(order) > len(below):  # two joints move the same part
+            break
+    return order
