@@ -9,8 +9,7 @@ from jaxtyping import Float64, Int64
 from pydantic import Field
 
 from schemas.artifact import Artifact, Schema, Unit
-from schemas.joints import JointType
-from schemas.model_file import Vector
+from schemas.model_file import Numbers, Vector
 
 MeshRole = Literal["visual", "collision"]
 SolidKind = Literal["mesh", "hull", "none"]
@@ -46,19 +45,23 @@ class RobotLink(Schema):
 
 
 class RobotJoint(Schema):
-    """A joint at its child's origin; `axis` is in the frame of either link, as both have one orientation at zero."""
+    """A joint at its child's origin; `axis` is in the frame of either link, as both have one orientation at zero.
+
+    A simulator knows hinges, slides and balls. Where a joint of the model is none of these, several joints of one child
+    follow each other, slides first. The states of a ball are rotation vectors, and its limits are of their lengths.
+    """
 
     name: str
     parent: int
     child: int
-    type: JointType
+    type: Literal["revolute", "prismatic", "spherical"]
     axis: Vector
     lower: float
     upper: float
     effort: float
     velocity: float
     damping: float
-    states: tuple[float, ...] = Field(description="the fitted ones, one for each frame")
+    states: tuple[Numbers, ...] = Field(description="the fitted ones, one for each frame")
 
 
 class Robot(Artifact):

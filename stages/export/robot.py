@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -109,13 +110,7 @@ def describe(
 
 
 def check_exportable(result: Result) -> None:
-    """Raises InputError for a spherical joint, and for points that span nothing."""
-    for joint in result.model.joints:
-        if joint.kind.size != 1:
-            raise InputError(
-                f"joint {joint.name}: found a spherical joint, expected revolute and prismatic ones only; "
-                "put three revolute joints in its place, or export another model"
-            )
+    """Raises InputError for points that span nothing."""
     if np.all(result.canonical_points == result.canonical_points[0]):
         raise InputError("canonical_points: found one place only, expected points on a surface; fit the model anew")
 
@@ -167,33 +162,81 @@ def _joints(
         carried[joint.parent] |= carried[joint.child]
     joints = []
     for joint in order:
-        [factor] = joint.kind.units(scale)
-        states = factor * np.array(joint.states, dtype=np.float64)
-        low, high = min(factor * joint.lowers[0], states.min()), max(factor * joint.uppers[0], states.max())
-        [least] = LEAST_RANGE * joint.kind.units(diagonal)
-        margin = max(config.limit_margin * (high - low), (least - (high - low)) / 2)
-        axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-        load = 0.0
-        for part in carried[joint.child]:
-            link = links[part]
-            arm = np.add(link.origin, link.centre) - links[joint.child].origin
-            load += about_axis(inertias[part], link.mass, arm, axis) if joint.kind.angles else link.mass
-        joints.append(
-            RobotJoint(
-                name=joint.name,
-                parent=joint.parent,
-                child=joint.child,
-                type=joint.type,
-                axis=_vector(axis),
-                lower=float(low - margin),
-                upper=float(high + margin),
-                effort=config.effort,
-                velocity=config.velocity,
-                damping=load / config.settling,
-                states=tuple(states.tolist()),
+        moved = [(links[part], inertias[part]) for part in sorted(carried[joint.child])]
+        for piece in _pieces(joint, scale):
+            sizes = np.linalg.norm(piece.states, axis=1) if piece.type == "spherical" else piece.states[:, 0]
+            low, high = min(piece.lower, sizes.min()), max(piece.upper, sizes.max())
+            least = LEAST_RANGE * (diagonal if piece.type == "prismatic" else 1.0)
+            margin = max(config.limit_margin * (high - low), (least - (high - low)) / 2)
+            joints.append(
+                RobotJoint(
+                    name=joint.name + piece.suffix,
+                    parent=joint.parent,
+                    child=joint.child,
+                    type=piece.type,
+                    axis=_vector(piece.axis),
+                    lower=float(low - margin),
+                    upper=float(high + margin),
+                    effort=config.effort,
+                    velocity=config.velocity,
+                    damping=_load(piece, moved, links[joint.child].origin) / config.settling,
+                    states=tuple(state[0] if len(state) == 1 else tuple(state) for state in piece.states.tolist()),
+                )
             )
-        )
     return tuple(joints)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A hinge, a slide or a ball of a joint, in metres and radians; what it adds to the joint's name."""
+
+    suffix: str
+    type: Literal["revolute", "prismatic", "spherical"]
+    axis: Float64[np.ndarray, "3"]
+    lower: float
+    upper: float
+    states: Float64[np.ndarray, "frames size"]
+
+
+def _pieces(joint: ModelJoint, scale: float) -> list[_Piece]:
+    """The hinges, slides and balls that a joint of any kind is made of: it turns first, so slides carry the turns."""
+    kind, axis = joint.kind, np.array(joint.axis) / np.linalg.norm(joint.axis)
+    basis, units = kind.basis(axis), kind.units(scale)
+    states = np.array(joint.states, dtype=np.float64).reshape(len(joint.states), -1) * units
+    alone = kind.size == 1 or (kind.is_ball and kind.size == 3)
+    slides: list[_Piece] = []
+    turns: list[_Piece] = []
+    if kind.is_ball:
+        turns.append(_Piece("" if alone else "_ball", "spherical", axis, 0.0, joint.uppers[0], states[:, :3]))
+    for column in range(3 if kind.is_ball else 0, kind.size):
+        turning = column < kind.angles
+        rank = 0 if kind.is_ball else column  # limits of what turns as a ball are of lengths alone
+        lower, upper = (limits[rank] * units[column] for limits in (joint.lowers, joint.uppers))
+        direction = basis[column, :3] if turning else basis[column, 3:]
+        name = "turn" if turning else "slide" if kind.slides == "axis" else "slide_" + "xyz"[column - kind.angles]
+        piece = _Piece(
+            "" if alone else f"_{name}",
+            "revolute" if turning else "prismatic",
+            direction,
+            lower,
+            upper,
+            states[:, [column]],
+        )
+        (turns if turning else slides).append(piece)
+    return slides + turns
+
+
+def _load(piece: _Piece, moved: list[tuple[RobotLink, Float64[np.ndarray, "3 3"]]], origin: Vector) -> float:
+    """What a joint moves: masses, or moments of inertia about its axis; of a ball, the mean of those about x, y, z."""
+    if piece.type == "prismatic":
+        return sum(link.mass for link, _ in moved)
+    axes = np.eye(3) if piece.type == "spherical" else piece.axis[None]
+    loads = [
+        about_axis(inertia, link.mass, np.add(link.origin, link.centre) - origin, axis)
+        for link, inertia in moved
+        for axis in axes
+    ]
+    return sum(loads) / len(axes)
 
 
 def _meshes(model: ModelFile, bodies: list[Body]) -> list[tuple[RobotMesh, Mesh]]:
