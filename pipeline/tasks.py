@@ -138,7 +138,8 @@ class FinalFitTask(CandidateTask):
         from stages.final_fit import fit_final
 
         model, sequence = inputs["merging"], inputs["ingest"].sequence
-        return fit_final(model, sequence, inputs["flow"], self.job.config.final_fit, rng, progress)
+        config = self.job.config  # the settings of projection are in the key of what is read
+        return fit_final(model, sequence, inputs["flow"], config.final_fit, config.projection, rng, progress)
 
 
 class CanonicalFrameTask(StageTask):

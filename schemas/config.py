@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from schemas.joints import JointKind, JointType, joint_kind
 from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart
 
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
@@ -199,6 +200,13 @@ class RelaxedFitConfig(Settings):
 class ProjectionConfig(Settings):
     """Eq. 11 and A.2."""
 
+    joints: tuple[JointType, ...] = Field(
+        default=("revolute", "prismatic"),
+        min_length=1,
+        max_length=100,
+        description="kinds of joints that a model may have; with spherical ones links are judged by E_3DOF",
+    )
+
     lambda_spatial: float = Field(default=100.0, ge=0)
     lambda_1dof: float = Field(default=1.0, ge=0)
     samples_per_part: int = Field(
@@ -208,6 +216,11 @@ class ProjectionConfig(Settings):
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
     )
+
+    @property
+    def kinds(self) -> tuple[JointKind, ...]:
+        """The kinds of joints that a model may have."""
+        return tuple(map(joint_kind, dict.fromkeys(self.joints)))
 
 
 class MergingConfig(Settings):
@@ -248,6 +261,11 @@ class FinalFitConfig(Settings):
         default=True, description="insert links that the motion needs though no point tells them apart"
     )
     link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
+    freedom_price: float = Field(
+        default=60.0,
+        ge=0,
+        description="a joint of a kind with more degrees of freedom must lower the points' costs by more for each",
+    )
     relabel: bool = Field(default=True, description="improve labels and parts too, not only joints")
     rounds: int = Field(default=3, ge=1, description="most rounds of labels and joints in turn, at the end")
     fused_frames: int = Field(default=10, ge=1, description="frames whose points are labelled together")

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.config import ProjectionConfig
-from schemas.joints import SCREW
+from schemas.joints import SCREW, JointKind
 from schemas.kinematic import KinematicModel
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
@@ -37,9 +37,11 @@ def link_parts(
     samples = part_samples(p_canonical, labels, config.samples_per_part)
     noise = spacing(p_canonical)
     spatial = spatial_energies(p_canonical, labels, config.contact * noise)
-    fits = relative_screws(samples, Ts_frame_canonical)
+    fits = relative_joints(SCREW, samples, Ts_frame_canonical)
+    rotating = [kind for kind in config.kinds if kind.is_ball]
+    left = relative_joints(rotating[0], samples, Ts_frame_canonical).mean_square if rotating else fits.mean_square
     # the pair's energy must not depend on which of the two is called the child
-    one_dof = 0.5 * (fits.mean_square + fits.mean_square.T)
+    one_dof = 0.5 * (left + left.T)
     root = base_part(samples, Ts_frame_canonical, np.bincount(labels), config.still * noise)
     cost = config.lambda_spatial * spatial + config.lambda_1dof * one_dof
     links = spanning_tree(cost, root)
@@ -95,16 +97,19 @@ def spatial_energies(
     return energies
 
 
-def relative_screws(
-    samples: Float64[np.ndarray, "parts count 3"], Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"]
+def relative_joints(
+    kind: JointKind,
+    samples: Float64[np.ndarray, "parts count 3"],
+    Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"],
 ) -> JointFit:
-    """The best screw of every part (second axis) against every other (first axis).
+    """The best joint of one kind of every part (second axis) against every other (first axis).
 
-    E_1DOF is the mean squared distance that it leaves.
+    The mean squared distance that it leaves is E_1DOF of a screw (Eq. 12), and E_3DOF of a spherical joint: how well
+    the motion is a rotation about one fixed centre.
     """
     Ts = Ts_frame_canonical.swapaxes(0, 1)
     Ts_parent_child = inverse(Ts)[:, None] @ Ts[None, :]
-    return fit_joint([SCREW], Ts_parent_child, np.broadcast_to(samples, (len(samples), *samples.shape)))
+    return fit_joint([kind], Ts_parent_child, np.broadcast_to(samples, (len(samples), *samples.shape)))
 
 
 def base_part(

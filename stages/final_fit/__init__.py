@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.config import FinalFitConfig
+from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.flow import Flow
 from schemas.kinematic import KinematicModel
 from schemas.relaxed import RECONSTRUCTION_ENERGIES
 from schemas.sequence import PointSequence
 from stages.final_fit.confidence import joint_confidence
-from stages.final_fit.hidden_links import insert_hidden_links
-from stages.final_fit.joint_types import try_hinges
+from stages.final_fit.hidden_links import add_freedom
+from stages.final_fit.joint_types import simplify_joints, try_hinges
 from stages.final_fit.labelling import relabel
 from stages.final_fit.parallel_slides import hang_slides
 from stages.final_fit.pruning import prune
@@ -30,6 +30,7 @@ def fit_final(
     sequence: PointSequence,
     flow: Flow,
     config: FinalFitConfig,
+    projection: ProjectionConfig,
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> KinematicModel:
@@ -40,13 +41,17 @@ def fit_final(
     those of forward kinematics, and each joint's other coordinate is exactly zero. Deterministic; `rng` is not drawn
     from.
     """
-    frames = working_frames(sequence, model.canonical_frame, config.points, config.reach)
-    part_price, link_price = (frames.price(price) for price in (config.part_price, config.link_price))
+    frames = working_frames(sequence, model.canonical_frame, config.points, config.reach, projection.kinds)
+    part_price, link_price, freedom_price = (
+        frames.price(price) for price in (config.part_price, config.link_price, config.freedom_price)
+    )
     labels = model.labels[frames.index]
     fit = Fit(to_chain(model, frames, config.still_root), labels)
-    if config.hidden_links:
-        fit = insert_hidden_links(fit, frames, model.Ts_frame_canonical, link_price)
+    if config.hidden_links or frames.kinds != frames.plain_kinds:
+        price = link_price if config.hidden_links else None
+        fit = add_freedom(fit, frames, model.Ts_frame_canonical, price, freedom_price)
     fit = try_hinges(frames.refine(fit, config.iterations), frames, config.iterations)
+    fit = simplify_joints(fit, frames, freedom_price, config.iterations)
     progress(1, STEPS)
     if config.relabel:
         fit = _settled(fit, frames, config, 2, (config.fused_frames + 1) // 2)
@@ -57,6 +62,7 @@ def fit_final(
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
         if part_price > 0:
             fit = hang_slides(fit, frames, part_price, config.iterations)
+        fit = simplify_joints(fit, frames, freedom_price, config.iterations)
     fit = frames.refine(fit, config.last_iterations)
     confidence = joint_confidence(fit, frames, part_price, coarseness(sequence.to_input(frames.p_all)))
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)

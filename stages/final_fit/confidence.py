@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from stages.final_fit.working import CONTACT, JOINT_SAMPLES, Fit, Frames, joint_fits, relative_motions
+from stages.final_fit.working import CONTACT, JOINT_SAMPLES, Fit, Frames, relative_motions
 from stages.kernels.alignment.evidence import PLANE_NOISE, motion_cost
-from stages.kernels.kinematics.closed_form import fit_joint
+from stages.kernels.kinematics.closed_form import JointFit, fit_joints
 from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.nearest import KDTree, nearest
@@ -96,6 +96,14 @@ class Rivals:
         linked[self.tree.parent, self.tree.child] = linked[self.tree.child, self.tree.parent] = True
         return linked
 
+    @cached_property
+    def joint_between(self) -> Int64[np.ndarray, "parts parts"]:
+        """The joint that links two parts; -1 where none does."""
+        between = np.full((self.tree.parts, self.tree.parts), -1)
+        ends = self.tree.parent, self.tree.child
+        between[ends] = between[ends[::-1]] = np.arange(len(self.tree.child))
+        return between
+
     @property
     def pulled(self) -> Float64[np.ndarray, "joints"]:
         """What the points of either part of a joint, the more of the two, cost less when parts move freely."""
@@ -123,7 +131,7 @@ class Rivals:
         """By how many spacings the second best parent is worse: farther off, or two degrees of freedom away."""
         joint, other = np.nonzero(~self.tree.moves)  # whatever hangs on a child cannot be its parent
         child = self.tree.child[joint]
-        left = joint_fits(self.Ts, other, child, self.samples[child]).rms / self.frames.noise
+        left = self._refitted(joint, other, child).rms / self.frames.noise
         distance = self._gaps()[other, child] + left
         own = other == self.tree.parent[joint]
         second = np.full(len(self.tree.child), np.inf)
@@ -160,8 +168,8 @@ class Rivals:
         part, into, other = (index[into != other] for index in (part, into, other))
         rises = np.zeros(asked.shape)
         if len(part):
-            fits = joint_fits(self.Ts, into, other, self.samples[other]).since(self.frames.canonical_frame)
-            Ts_other = self.Ts[:, into] @ fits.transforms().swapaxes(0, 1)
+            fits = self._refitted(self.joint_between[part, other], into, other)
+            Ts_other = self.Ts[:, into] @ fits.since(self.frames.canonical_frame).transforms().swapaxes(0, 1)
             case, point = np.nonzero(other[:, None] == self.fit.labels)
             rise = self._costs(point, case, Ts_other) - self.costs[point]
             np.add.at(rises, (part, into), np.bincount(case, rise, minlength=len(part)))
@@ -171,13 +179,17 @@ class Rivals:
         """How what a joint moves is displaced in each frame when it becomes the best joint of another kind."""
         parent, child = self.tree.parent, self.tree.child
         motions = relative_motions(self.Ts, parent, child)
-        T_parent_child = np.empty_like(motions)
-        for kind in set(self.tree.kinds):
-            own = np.array([each == kind for each in self.tree.kinds])
-            others = [other for other in self.frames.kinds if other != kind]
-            fits = fit_joint(others, motions[own], self.samples[child[own]]).since(self.frames.canonical_frame)
-            T_parent_child[own] = fits.transforms()
+        kinds = [tuple(other for other in self.frames.kinds if other != kind) or (kind,) for kind in self.tree.kinds]
+        fits = fit_joints(kinds, motions, self.samples[child]).since(self.frames.canonical_frame)
+        T_parent_child = fits.transforms()
         return self.Ts[:, parent] @ T_parent_child.swapaxes(0, 1) @ inverse(self.Ts[:, child])
+
+    def _refitted(
+        self, joint: Int64[np.ndarray, "cases"], parent: Int64[np.ndarray, "cases"], child: Int64[np.ndarray, "cases"]
+    ) -> JointFit:
+        """The best joints, of kinds like those of some joints of the fit, between other parts."""
+        kinds = [self.frames.kinds_like(self.tree.kinds[one]) for one in joint]
+        return fit_joints(kinds, relative_motions(self.Ts, parent, child), self.samples[child])
 
     def _gaps(self) -> Float64[np.ndarray, "parts parts"]:
         """The least distance of every two parts' points, in spacings beyond contact; unseen parts are anywhere."""

@@ -12,12 +12,13 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from schemas.joints import PRISMATIC, REVOLUTE
+from schemas.joints import REVOLUTE, JointKind
 from stages.final_fit.motion_model import MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
+from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
 
 TOLERATED = 0.25  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
@@ -29,30 +30,42 @@ STILL_BASE = 0.3  # RMS, in spacings, that one joint may leave of the root's mot
 Link = tuple[int, int]  # a joint's parent and child
 
 
-def insert_hidden_links(
-    fit: Fit, frames: Frames, Ts_free: Float64[np.ndarray, "frames parts 4 4"], link_price: float
+def add_freedom(
+    fit: Fit,
+    frames: Frames,
+    Ts_free: Float64[np.ndarray, "frames parts 4 4"],
+    link_price: float | None,
+    freedom_price: float,
 ) -> Fit:
-    """The tree fitted to the free motions, with further links within joints where each lowers the points' costs by more
-    than `link_price`, the greatest gain first.
+    """The tree fitted to the free motions, with more freedom in its joints where the frames ask for it.
 
-    Where the root itself moves about one fixed axis, it is hung on a still base. New links have no points yet.
+    A joint gets a further link within it, or becomes one of a kind with more degrees of freedom, where that lowers the
+    points' costs by more than `link_price`, or than `freedom_price` for each further degree; the greatest gain comes
+    first. Without a link price no links are inserted. Where the root itself moves about one fixed axis, it is hung on
+    a still base. New links have no points yet.
     """
-    trials = _Trials(fit.labels, frames, Ts_free)
+    trials = _Trials(fit.labels, frames, Ts_free, link_price, freedom_price)
     chain = trials.fit(fit.chain, SETTLE)
     cost = trials.cost(chain)
     for _ in range(ROUNDS):
-        longer = {link: trials.inserted(chain, link) for link in _links(chain)}
-        gains = {link: cost - trials.cost(trial) for link, trial in longer.items() if trial is not None}
+        freer = {link: trials.freed(chain, link, cost) for link in _links(chain)}
+        gains = {link: trial.gain for link, trial in freer.items() if trial is not None}
         before = chain
         for link in sorted(gains, key=lambda link: -gains[link]):
-            if gains[link] <= link_price:
-                break
-            trial = longer[link] if chain is before else trials.inserted(chain, link)
-            if trial is not None and (there := trials.cost(trial)) < cost - link_price:
-                chain, cost = trial, there
+            trial = freer[link] if chain is before else trials.freed(chain, link, cost)
+            if trial is not None:
+                chain, cost = trial.chain, trials.cost(trial.chain)
         if chain is before:
             break
     return Fit(_on_still_base(trials.fit(chain, SETTLE), fit.labels, frames), fit.labels)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A chain with more freedom in one joint, and the fall of the points' costs beyond its price."""
+
+    chain: Chain
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -62,6 +75,8 @@ class _Trials:
     labels: Int64[np.ndarray, "points"]
     frames: Frames
     Ts_free: Float64[np.ndarray, "frames parts 4 4"]
+    link_price: float | None
+    freedom_price: float
     pairs: dict[Link, ScrewPair | None] = field(default_factory=dict)  # between parts that both have points
 
     @cached_property
@@ -75,11 +90,41 @@ class _Trials:
     def fit(self, chain: Chain, iterations: int) -> Chain:
         return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
 
-    def inserted(self, chain: Chain, link: Link) -> Chain | None:
-        """The chain, fitted, with a further link within one of its joints; None where that joint needs none."""
+    def freed(self, chain: Chain, link: Link, cost: float) -> _Trial | None:
+        """The best chain with more freedom in one of its joints; None where that is not worth its price."""
         joint = _links(chain).get(link)
-        pair = None if joint is None else self.pair(chain, *link)
-        return None if joint is None or pair is None else self.fit(_with_link(chain, joint, pair), TRIAL)
+        if joint is None:
+            return None
+        trials = [
+            self._tried(self.with_kind(chain, joint, kind), price, cost) for kind, price in self.freer(chain, joint)
+        ]
+        if self.link_price is not None and chain.tree.kinds[joint] in self.frames.plain_kinds:
+            pair = self.pair(chain, *link)
+            trials += [] if pair is None else [self._tried(_with_link(chain, joint, pair), self.link_price, cost)]
+        worth = [trial for trial in trials if trial.gain > 0]
+        return max(worth, key=lambda trial: trial.gain, default=None)
+
+    def _tried(self, chain: Chain, price: float, cost: float) -> _Trial:
+        fitted = self.fit(chain, TRIAL)
+        return _Trial(fitted, cost - price - self.cost(fitted))
+
+    def freer(self, chain: Chain, joint: int) -> list[tuple[JointKind, float]]:
+        """The kinds with more degrees of freedom than a joint has, and their prices; none where a part has no points."""
+        tree = chain.tree
+        if not all((self.labels == part).any() for part in (tree.parent[joint], tree.child[joint])):
+            return []
+        size = tree.kinds[joint].size
+        return [(kind, self.freedom_price * (kind.size - size)) for kind in self.frames.kinds if kind.size > size]
+
+    def with_kind(self, chain: Chain, joint: int, kind: JointKind) -> Chain:
+        """The chain with one of its joints made the best one of another kind."""
+        joints = chain.joints()
+        parent, child = joints[joint].parent, joints[joint].child
+        p_child = self.frames.p[self.labels == child]
+        motion = inverse(self.Ts_free[:, parent]) @ self.Ts_free[:, child]
+        fit = fit_joint([kind], motion, p_child[farthest_points(p_child, JOINT_SAMPLES)])
+        joints[joint] = Joint.of(fit.since(self.frames.canonical_frame), parent, child)
+        return chain.with_joints(joints)
 
     def pair(self, chain: Chain, parent: int, child: int) -> ScrewPair | None:
         """Two joints in a row that explain the child's motion against its parent, where one does not."""
@@ -98,7 +143,7 @@ class _Trials:
         contact = contact_of(frames.p[self.labels == seen], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
-        left = float(fit_joint([REVOLUTE, PRISMATIC], motion, p_child).rms)
+        left = float(fit_joint(frames.plain_kinds, motion, p_child).rms)
         if left <= TOLERATED * frames.noise:
             return None
         pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.noise, PAIR_STEPS)

@@ -12,8 +12,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.joints import PRISMATIC, REVOLUTE
-from stages.final_fit.working import Fit, Frames, contact_of
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
 from stages.kernels.kinematics.chain import Joint
+from stages.kernels.kinematics.closed_form import fit_joint
+from stages.kernels.motion.rigid_motion import inverse
+from stages.kernels.points.sampling import farthest_points
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
@@ -29,6 +32,26 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
         trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
         fit = frames.refine(fit, iterations)
         if frames.cost(trial) < frames.cost(fit):
+            fit = trial
+    return fit
+
+
+def simplify_joints(fit: Fit, frames: Frames, freedom_price: float, iterations: int) -> Fit:
+    """Each joint of more than the least freedom made a plain one where all points' costs then rise by less than the
+    price of the freedom that it gives up, both refined as long."""
+    for index in [index for index, kind in enumerate(fit.chain.tree.kinds) if kind not in frames.plain_kinds]:
+        joint = fit.chain.joint(index)
+        p_child = frames.p[fit.labels == joint.child]
+        if len(p_child) == 0:
+            continue
+        motion = inverse(fit.chain.Ts[:, joint.parent]) @ fit.chain.Ts[:, joint.child]
+        plain = fit_joint(frames.plain_kinds, motion, p_child[farthest_points(p_child, JOINT_SAMPLES)])
+        joints = fit.chain.joints()
+        joints[index] = Joint.of(plain.since(frames.canonical_frame), joint.parent, joint.child)
+        trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
+        fit = frames.refine(fit, iterations)
+        given_up = joint.kind.size - joints[index].kind.size
+        if frames.cost(trial) < frames.cost(fit) + freedom_price * given_up:
             fit = trial
     return fit
 

@@ -33,7 +33,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
         touches, touches_below = (_contacts(fit.labels, frames, part, joint.parent) for joint in (own, below))
         if touches_below == 0:
             continue
-        hung = refitted(below.parent, part, fit.labels, frames, fit.chain.Ts)
+        hung = refitted(own.kind, below.parent, part, fit.labels, frames, fit.chain.Ts)
         if touches_below <= touches and hung.states.std() >= own.states.std():
             continue
         chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in fit.chain.joints()])

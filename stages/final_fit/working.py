@@ -13,7 +13,7 @@ from schemas.sequence import PointSequence
 from stages.kernels.alignment.evidence import price_over
 from stages.kernels.alignment.registration import Registration
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
-from stages.kernels.kinematics.closed_form import JointFit, fit_joint, nearest_point_to_origin
+from stages.kernels.kinematics.closed_form import fit_joint, nearest_point_to_origin
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import working_points
@@ -44,6 +44,16 @@ class Frames:
     canonical_frame: int
     reach: float
     kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC)
+
+    @property
+    def plain_kinds(self) -> tuple[JointKind, ...]:
+        """The kinds with the fewest degrees of freedom: what a joint is where nothing speaks for more."""
+        least = min(kind.size for kind in self.kinds)
+        return tuple(kind for kind in self.kinds if kind.size == least)
+
+    def kinds_like(self, kind: JointKind) -> tuple[JointKind, ...]:
+        """The kinds that a joint may get when it is fitted anew: the plain ones, or its own where it has more freedom."""
+        return self.plain_kinds if kind in self.plain_kinds else (kind,)
 
     @property
     def p(self) -> Float64[np.ndarray, "points 3"]:
@@ -77,38 +87,35 @@ class Frames:
         return self.registration.cost_back(fit.labels, fit.chain.Ts)
 
 
-def working_frames(sequence: PointSequence, canonical_frame: int, points: int, reach: float) -> Frames:
+def working_frames(
+    sequence: PointSequence,
+    canonical_frame: int,
+    points: int,
+    reach: float,
+    kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC),
+) -> Frames:
     """At most `points` well spread points of each frame."""
     frames = sequence.frames()
     chosen = [working_points(frame, points) for frame in frames]
     registration = Registration([frame[index] for frame, index in zip(frames, chosen, strict=True)], canonical_frame)
-    return Frames(registration, frames[canonical_frame], chosen[canonical_frame], canonical_frame, reach)
+    return Frames(registration, frames[canonical_frame], chosen[canonical_frame], canonical_frame, reach, kinds)
 
 
 def to_chain(model: KinematicModel, frames: Frames, still_root: float) -> Chain:
-    """The model's tree with every joint made revolute or prismatic, whichever explains the child's motion better.
+    """The model's tree with every joint made of the plain kind that explains the child's motion best.
 
-    Both are judged by how far they leave the child's points from where they were seen: the choice knows no unit
+    Kinds are judged by how far they leave the child's points from where they were seen: the choice knows no unit
     (where A.4 compares an angle with a length). A root that moves less than `still_root` spacings is held still.
     """
     order = parents_first(model.joint_parent, model.joint_child)
     parent, child = model.joint_parent[order], model.joint_child[order]
     samples = part_samples(frames.p_all, model.labels, JOINT_SAMPLES)
-    fits = joint_fits(model.Ts_frame_canonical, parent, child, samples[child]).since(model.canonical_frame)
+    motions = relative_motions(model.Ts_frame_canonical, parent, child)
+    fits = fit_joint(frames.plain_kinds, motions, samples[child]).since(model.canonical_frame)
     joints = [Joint.of(fits, int(parent[j]), int(child[j]), (j,)) for j in range(len(order))]
     T_frame_root = model.Ts_frame_canonical[:, model.root]
     free_root = _travel(T_frame_root, frames.p_all[model.labels == model.root]) > still_root * frames.noise
     return Chain.of(joints, model.root, T_frame_root, free_root)
-
-
-def joint_fits(
-    Ts: Float64[np.ndarray, "frames parts 4 4"],
-    parent: Int64[np.ndarray, "joints"],
-    child: Int64[np.ndarray, "joints"],
-    p_child: Float64[np.ndarray, "joints points 3"],
-) -> JointFit:
-    """The best joint of one degree of freedom for each pair of parts, in closed form."""
-    return fit_joint([REVOLUTE, PRISMATIC], relative_motions(Ts, parent, child), p_child)
 
 
 def relative_motions(
@@ -136,6 +143,7 @@ def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
     labels = fit.labels[nearest(KDTree(frames.p), frames.p_all)[1]]
     labels[frames.index] = fit.labels
     joints = len(tree.child)
+    has_axis = np.array([kind.has_axis for kind in tree.kinds], dtype=bool)
     return model.replace(
         root=tree.root,
         labels=labels,
@@ -144,7 +152,7 @@ def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
         joint_child=tree.child,
         joint_types=tuple(kind.name for kind in tree.kinds),
         axis=tree.axis,
-        point=nearest_point_to_origin(tree.axis, tree.point),
+        point=np.where(has_axis[:, None], nearest_point_to_origin(tree.axis, tree.point), tree.point),
         states=chain.joint_states,
         e_spatial=np.zeros(joints),
         e_1dof=np.zeros(joints),

@@ -66,6 +66,25 @@ def fit_joint(
     return JointFit(tuple(kinds), best.kind, best.axis, best.point, best.motions, best.mean_square)
 
 
+def fit_joints(
+    kinds: Sequence[tuple[JointKind, ...]],
+    Ts: Float64[np.ndarray, "joints frames 4 4"],
+    p: Float64[np.ndarray, "joints points 3"],
+) -> JointFit:
+    """`fit_joint` for several relative motions, each of which has kinds of its own to choose from."""
+    known = tuple(dict.fromkeys(kind for choice in kinds for kind in choice))
+    numbers = {kind: number for number, kind in enumerate(known)}
+    count, frames = len(kinds), Ts.shape[1]
+    kind, mean_square = np.zeros(count, dtype=np.int64), np.zeros(count)
+    axis, point, motions = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, frames, 6))
+    for choice in dict.fromkeys(kinds):
+        own = np.array([one == choice for one in kinds])
+        fit = fit_joint(choice, Ts[own], p[own])
+        kind[own] = np.array([numbers[one] for one in choice])[fit.kind]
+        axis[own], point[own], motions[own], mean_square[own] = fit.axis, fit.point, fit.motions, fit.mean_square
+    return JointFit(known, kind, axis, point, motions, mean_square)
+
+
 def nearest_point_to_origin(
     axis: Float64[np.ndarray, "*batch 3"], point: Float64[np.ndarray, "*batch 3"]
 ) -> Float64[np.ndarray, "*batch 3"]:
