@@ -66,6 +66,7 @@ class JointKind:
         return ("rad",) * self.angles + (length,) * (self.size - self.angles)
 
 
+FIXED = JointKind("fixed", "", "none", "none")
 REVOLUTE = JointKind("revolute", "R", "axis", "none")
 PRISMATIC = JointKind("prismatic", "P", "none", "axis")
 SPHERICAL = JointKind("spherical", "S", "all", "none")

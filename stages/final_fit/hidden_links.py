@@ -109,7 +109,7 @@ class _Trials:
         return _Trial(fitted, cost - price - self.cost(fitted))
 
     def freer(self, chain: Chain, joint: int) -> list[tuple[JointKind, float]]:
-        """The kinds with more degrees of freedom than a joint has, and their prices; none where a part has no points."""
+        """The kinds with more degrees of freedom than a joint has, and their prices; none where a part is unseen."""
         tree = chain.tree
         if not all((self.labels == part).any() for part in (tree.parent[joint], tree.child[joint])):
             return []

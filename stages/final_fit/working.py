@@ -52,7 +52,7 @@ class Frames:
         return tuple(kind for kind in self.kinds if kind.size == least)
 
     def kinds_like(self, kind: JointKind) -> tuple[JointKind, ...]:
-        """The kinds that a joint may get when it is fitted anew: the plain ones, or its own where it has more freedom."""
+        """The kinds that a joint may get when it is fitted anew: the plain ones, or its own where it has more."""
         return self.plain_kinds if kind in self.plain_kinds else (kind,)
 
     @property

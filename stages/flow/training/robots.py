@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from schemas.config import RoboartConfig
+from schemas.joints import REVOLUTE
 from stages.flow.training.shapes import PosableShape
 from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
 from stages.ingest.roboart.descriptions import robot_description
@@ -26,5 +27,5 @@ def robot_shape(name: str, assets: Path | None = None) -> PosableShape:
         whole[:, drives] = positions
         return articulated.poses(articulated.follow(whole))
 
-    turning = np.array([articulated.robot.joints[j].kind == "revolute" for j in drives])
+    turning = np.array([articulated.robot.joints[j].kind == REVOLUTE for j in drives])
     return PosableShape(articulated.surface, articulated.ranges[drives], turning, poses)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.config import RoboartConfig
+from schemas.joints import JointKind
 from schemas.sequence import TrueJoint
 from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
 from stages.ingest.roboart.motion import Positions, draw_base_motion, draw_sweep, draw_unseen, search
@@ -20,7 +21,7 @@ from stages.ingest.roboart.parts import Parts
 from stages.ingest.roboart.penetration import penetration_score
 from stages.ingest.roboart.sensor import draw_viewpoints, posed_triangles, sample_posed, sample_visible
 from stages.ingest.roboart.surface import Surface
-from stages.ingest.roboart.urdf import JointKind, Robot
+from stages.ingest.roboart.urdf import Robot
 from stages.ingest.truth import RawTruth
 
 Frames = list[Float64[np.ndarray, "points 3"]]
@@ -142,7 +143,7 @@ def _true_joints(
                 name=joint.name,
                 parent=int(parts.parent[part]),
                 child=part,
-                type="prismatic" if joint.kind == "prismatic" else "revolute",
+                type=joint.kind.name,
                 axis=tuple((T_world_joint[:3, :3] @ joint.axis).tolist()),
                 point=tuple(T_world_joint[:3, 3].tolist()),
                 states=tuple((positions[:, index] - positions[0, index]).tolist()),

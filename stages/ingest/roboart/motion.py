@@ -9,10 +9,11 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from schemas.config import RoboartConfig
-from stages.ingest.roboart.urdf import JointKind, Robot
+from schemas.joints import FIXED, PRISMATIC, REVOLUTE, JointKind
+from stages.ingest.roboart.urdf import Robot
 
 # joints with less play than this are held: nobody could see them move
-LEAST_RANGE = {"fixed": np.inf, "revolute": np.radians(5.0), "prismatic": 1e-3}
+LEAST_RANGE = {FIXED: np.inf, REVOLUTE: np.radians(5.0), PRISMATIC: 1e-3}
 # a sweep leaves some of the range between the limits unused
 LARGEST_SHARE_OF_RANGE = 0.9
 PRISMATIC_SHARE_OF_RANGE = (0.7, 0.9)
@@ -45,7 +46,7 @@ def drive_ranges(robot: Robot) -> Float64[np.ndarray, "joints 2"]:
         lead = ranges[joint.mimic.joint]
         lead[:] = max(lead[0], ends.min()), min(lead[1], ends.max())
     rest = _rest(ranges)
-    revolute = np.array([joint.kind == "revolute" for joint in robot.joints], dtype=bool)
+    revolute = np.array([joint.kind == REVOLUTE for joint in robot.joints], dtype=bool)
     ranges[revolute, 0] = np.maximum(ranges[revolute, 0], rest[revolute] - np.pi / 2)
     ranges[revolute, 1] = np.minimum(ranges[revolute, 1], rest[revolute] + np.pi / 2)
     return ranges
@@ -86,7 +87,7 @@ def draw_sweep(
     turn = rng.integers(config.frames // 2, config.frames) if rng.random() < 0.5 else config.frames
     steps[turn:] *= -1
     path = np.concatenate([[0.0], np.cumsum(steps)]) * rng.choice([-1.0, 1.0])
-    if kind == "prismatic":
+    if kind == PRISMATIC:
         path *= rng.uniform(*PRISMATIC_SHARE_OF_RANGE) * (upper - lower) / np.ptp(path)
     else:
         path *= np.radians(rng.uniform(*config.sweep_degrees)) / np.abs(steps).sum()

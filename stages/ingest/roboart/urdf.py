@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from xml.etree.ElementTree import tostring
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from schemas.errors import InputError, quoted
+from schemas.joints import FIXED, PRISMATIC, REVOLUTE, JointKind
 from stages.ingest.roboart.mesh_files import read_xml
 from stages.ingest.roboart.urdf_check import check_urdf, pruned
-
-JointKind = Literal["fixed", "revolute", "prismatic"]
+from stages.kernels.kinematics.tree import KinematicTree
 
 # `continuous` is a revolute joint without limits; a floating or planar joint is held, as the base is
 KINDS: dict[str, JointKind] = {
-    "fixed": "fixed",
-    "floating": "fixed",
-    "planar": "fixed",
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
+    "fixed": FIXED,
+    "floating": FIXED,
+    "planar": FIXED,
+    "revolute": REVOLUTE,
+    "continuous": REVOLUTE,
+    "prismatic": PRISMATIC,
 }
 # descriptions write "no limit" as a large number, mostly 10 or 1e16
 NO_LIMIT = 10.0
@@ -73,6 +73,28 @@ class Robot:
     visuals: tuple[tuple[Shape, ...], ...]
     collisions: tuple[tuple[Shape, ...], ...]
 
+    @cached_property
+    def Ts_base_link(self) -> Float64[np.ndarray, "links 4 4"]:
+        """Where the links' frames are in the base's while all positions are zero."""
+        Ts = [np.eye(4)]
+        for joint in self.joints:
+            Ts.append(Ts[joint.parent] @ joint.T_parent_joint)
+        return np.stack(Ts)
+
+    @cached_property
+    def tree(self) -> KinematicTree:
+        """The links and joints where they lie while all positions are zero, in the base's frame."""
+        Ts_base_child = self.Ts_base_link[1:]
+        axes = np.array([joint.axis for joint in self.joints]).reshape(-1, 3)
+        return KinematicTree(
+            kinds=tuple(joint.kind for joint in self.joints),
+            parent=np.array([joint.parent for joint in self.joints], dtype=np.int64),
+            child=np.array([joint.child for joint in self.joints], dtype=np.int64),
+            axis=(Ts_base_child[:, :3, :3] @ axes[..., None])[..., 0],
+            point=Ts_base_child[:, :3, 3],
+            root=0,
+        )
+
 
 def import_extra(module: str) -> Any:
     """A module of the optional extra `robots`. Raises InputError where it is not installed."""
@@ -114,15 +136,8 @@ def forward_kinematics(
     robot: Robot, positions: Float64[np.ndarray, "states joints"]
 ) -> Float64[np.ndarray, "states links 4 4"]:
     """Each link's frame in the base's, with `positions` in radians or metres (fixed joints' are ignored)."""
-    Ts_base_link = np.tile(np.eye(4), (len(positions), len(robot.links), 1, 1))
-    for column, joint in zip(positions.T, robot.joints, strict=True):
-        T_joint_child = np.tile(np.eye(4), (len(positions), 1, 1))
-        if joint.kind == "revolute":
-            T_joint_child[:, :3, :3] = Rotation.from_rotvec(column[:, None] * joint.axis).as_matrix()
-        elif joint.kind == "prismatic":
-            T_joint_child[:, :3, 3] = column[:, None] * joint.axis
-        Ts_base_link[:, joint.child] = Ts_base_link[:, joint.parent] @ joint.T_parent_joint @ T_joint_child
-    return Ts_base_link
+    moving = [joint.kind != FIXED for joint in robot.joints]
+    return robot.tree.Ts_pose_canonical(positions[:, moving]) @ robot.Ts_base_link
 
 
 def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> list[Any]:
@@ -168,9 +183,9 @@ def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]
         )
     kind = KINDS[joint.type]
     length = float(np.linalg.norm(joint.axis))
-    if kind != "fixed" and length == 0:
+    if kind != FIXED and length == 0:
         raise InputError(f"{where}: found an axis of length zero, expected a direction; correct the URDF")
-    lower, upper = (0.0, 0.0) if kind == "fixed" else _limits(joint)
+    lower, upper = (0.0, 0.0) if kind == FIXED else _limits(joint)
     if lower > upper:
         raise InputError(f"{where}: found limits {lower} to {upper}, expected lower <= upper; correct the URDF")
     return Joint(
@@ -182,7 +197,7 @@ def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]
         axis=np.asarray(joint.axis, dtype=np.float64) / (length or 1.0),
         lower=lower,
         upper=upper,
-        mimic=None if kind == "fixed" else _mimic(joint, by_name, where),
+        mimic=None if kind == FIXED else _mimic(joint, by_name, where),
     )
 
 
