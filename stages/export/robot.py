@@ -81,7 +81,9 @@ def describe(
     origins = np.zeros((len(bodies), 3))
     for joint in order:
         axis, point = np.array(joint.axis), np.array(joint.point) * scale - root_origin
-        origins[joint.child] = next_to_contact(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
+        if joint.kind.has_axis:
+            point = next_to_contact(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
+        origins[joint.child] = point
     links, inertias = _links(model, bodies, origins, diagonal, config.density)
     joints = _joints(model, order, links, inertias, scale, diagonal, config)
     links = tuple(link.model_copy(update={"origin": _vector(np.add(link.origin, root_origin))}) for link in links)

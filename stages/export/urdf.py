@@ -57,7 +57,7 @@ def _add_link(root: ET.Element, robot: Robot, index: int, link: RobotLink) -> No
 
 def _add_joints(root: ET.Element, robot: Robot, child: int) -> None:
     """The joints that move a link, each on that before it, with links that weigh next to nothing between them."""
-    joints = [hinge for joint in robot.joints if joint.child == child for hinge in _hinges(joint)]
+    joints = [hinge for joint in robot.joints if joint.child == child for hinge in hinges(joint)]
     link = robot.links[child]
     parent, offset = (
         robot.links[joints[0].parent].name,
@@ -87,7 +87,7 @@ def _add_bare_link(root: ET.Element, name: str, child: RobotLink) -> None:
     ET.SubElement(inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0.0", ixz="0.0", iyz="0.0")
 
 
-def _hinges(joint: RobotJoint) -> list[RobotJoint]:
+def hinges(joint: RobotJoint) -> list[RobotJoint]:
     """What a URDF has for a joint: itself, or for a ball three hinges, named `..._1` to `..._3`.
 
     The first turns about the direction that the fitted states turn about most, the second, whose quarter turns would
