@@ -27,8 +27,8 @@ from jaxtyping import Float64
 from pydantic import ValidationError
 from run import FOLDER, Machine, commit, machine
 
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
 from schemas.artifact import Schema
 from schemas.config import FlowConfig, RoboartConfig
 from schemas.errors import InputError

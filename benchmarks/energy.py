@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from run import facts
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.flow import Flow
 from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence

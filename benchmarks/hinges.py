@@ -21,7 +21,7 @@ from jaxtyping import Float64, Int64
 from run import facts
 from sklearn.metrics import adjusted_rand_score
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.config import PipelineConfig
 from schemas.kinematic import KinematicModel
 from stages.canonical_frame import candidate_frames, choose

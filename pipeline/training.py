@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from pydantic import Field, TypeAdapter, ValidationError
 
-from pipeline.files import write_atomically
+from pipeline.store.files import write_atomically
 from pipeline.training_batches import batches
 from schemas.config import TrainFlowConfig
 from schemas.errors import InputError

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
-from pipeline.processes import die_with_forking_parent, how_it_ended
+from pipeline.run.processes import die_with_forking_parent, how_it_ended
 from schemas.config import TrainFlowConfig
 from schemas.errors import InputError
 from stages.flow.training.learning import Batch

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, SetOption, naming, writable_folder
-from pipeline.delivery import check_target, deliver
-from pipeline.model_folder import frames_of_model, read_model_folder
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
+from pipeline.results.delivery import check_target, deliver
+from pipeline.results.model_folder import frames_of_model, read_model_folder
 from schemas.errors import InputError
 
 FORMATS = ("urdf", "mjcf")

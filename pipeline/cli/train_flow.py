@@ -12,7 +12,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pipeline.cli.options import SetOption, screen, writable_folder
-from pipeline.presets import TRAINING_FOLDER, load_settings
+from pipeline.configuration.presets import TRAINING_FOLDER, load_settings
 from schemas.config import TrainFlowConfig
 from schemas.training import Measurement, Step
 

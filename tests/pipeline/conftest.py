@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from jaxtyping import Float64
 
-from pipeline import store
-from pipeline.isolated_luigi import luigi
-from pipeline.plan import plan
-from pipeline.presets import load_config
-from pipeline.protocol import Event, Request
-from pipeline.task import Job, StageTask, upstream_first
-from pipeline.tasks import final_tasks
+from pipeline.configuration.presets import load_config
+from pipeline.run.isolated_luigi import luigi
+from pipeline.run.plan import plan
+from pipeline.run.protocol import Event, Request
+from pipeline.run.task import Job, StageTask, upstream_first
+from pipeline.run.tasks import final_tasks
+from pipeline.store import artifacts
 from schemas.artifact import Artifact, Unit
 from schemas.config import PipelineConfig
 from schemas.errors import InputError, UnavailableError
@@ -143,7 +143,7 @@ class EvaluatedRobots:
 
     def finish(self, robot: str, **figures: float) -> None:
         """Publish every artifact of a robot: each stage took 3.5 seconds and 100 MiB, a later one of it more."""
-        artifacts = {
+        made = {
             "ingest": self.samples["ingested"],
             "result": self.samples["result"].replace(
                 canonical_points=np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
@@ -153,7 +153,7 @@ class EvaluatedRobots:
         }
         files = {
             "report": {"report.html": f"<p>{robot}".encode(), "report.png": b"\x89PNG"},
-            "result": result_files(artifacts["result"]),
+            "result": result_files(made["result"]),
         }
         for task in upstream_first(final_tasks(self.job(robot))):
             provenance = Provenance(
@@ -171,8 +171,8 @@ class EvaluatedRobots:
                 peak_memory_mib=100 + task.parameters().get("candidate", 0),
                 packages={},
             )
-            artifact = artifacts.get(task.stage, Numbers(values=np.zeros(1)))
-            store.publish(task.directory, artifact, provenance, files.get(task.stage))
+            artifact = made.get(task.stage, Numbers(values=np.zeros(1)))
+            artifacts.publish(task.directory, artifact, provenance, files.get(task.stage))
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipeline import training_batches
-from pipeline.presets import TRAINING_FOLDER, load_settings
+from pipeline.configuration.presets import TRAINING_FOLDER, load_settings
 from pipeline.training import CHECKPOINT, CURVE, LOG, WEIGHTS, Training, _learn, train
 from pipeline.training_batches import MakerDied, batches
 from schemas.config import TrainFlowConfig
