@@ -48,8 +48,8 @@ def train_flow(
     presets = [name for name in (preset, str(config) if config else None) if name is not None]
     chosen = load_settings(TrainFlowConfig, TRAINING_FOLDER, presets, settings)
     folder = writable_folder(out, "--out")
-    from pipeline.training import train  # torch takes seconds to import
-    from pipeline.training_batches import MakerDied
+    from pipeline.training.batches import MakerDied
+    from pipeline.training.folder import train  # torch takes seconds to import
 
     console = screen()
     losses: deque[float] = deque(maxlen=RECENT)

@@ -63,7 +63,7 @@ def load_network(path: Path = SHIPPED) -> FeatureNetwork:
     return network.eval()
 
 
-def check_state(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+def check_state(path: Path | str, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
     """Raises InputError where the tensors of a file are not of the expected names and shapes, and finite."""
     for name, tensor in expected.items():
         if name not in tensors:

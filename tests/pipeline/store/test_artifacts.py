@@ -267,7 +267,8 @@ KILLED_WRITER = textwrap.dedent(
         return module
 
     tests, workdir = Path(sys.argv[1]), Path(sys.argv[2])
-    flow, provenance = load(tests / "conftest.py").flow, load(tests / "pipeline" / "store" / "test_artifacts.py").provenance
+    flow = load(tests / "conftest.py").flow
+    provenance = load(tests / "pipeline" / "store" / "test_artifacts.py").provenance
 
     def die_at(call, replaces, directory):
         calls = 0

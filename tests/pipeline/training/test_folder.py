@@ -8,15 +8,16 @@ from pathlib import Path
 import pytest
 import torch
 
-from pipeline import training_batches
 from pipeline.configuration.presets import TRAINING_FOLDER, load_settings
-from pipeline.training import CHECKPOINT, CURVE, LOG, WEIGHTS, Training, _learn, train
-from pipeline.training_batches import MakerDied, batches
+from pipeline.training import batches as maker
+from pipeline.training.batches import MakerDied, batches
+from pipeline.training.folder import CHECKPOINT, CURVE, LOG, WEIGHTS, resume, save, train
 from schemas.config import TrainFlowConfig
 from schemas.errors import InputError
 from schemas.training import Measurement, Step
 from stages.flow.network.weights import load_network, read_safetensors, safetensors_bytes
 from stages.flow.training.learning import Batch
+from stages.flow.training.loop import Learner, descend
 from stages.flow.training.source import PairSource
 
 TINY = [
@@ -78,11 +79,10 @@ def test_a_checkpoint_of_other_settings_is_refused_and_kept(tmp_path):
 def one_step(tmp_path_factory):
     """A folder with the checkpoint and the log of one step."""
     folder = tmp_path_factory.mktemp("one_step")
-    training = Training.start(settings())
-    loss = _learn(training, Batch.of([PairSource(settings())[0]]))
-    training.step = 1
-    training.log = [Step(step=1, loss=loss, learning_rate=1e-3, seconds=1.0)]
-    training.save(folder)
+    learner = Learner.start(settings())
+    loss = descend(learner, Batch.of([PairSource(settings())[0]]))
+    learner.step = 1
+    save(learner, [Step(step=1, loss=loss, learning_rate=1e-3, seconds=1.0)], folder)
     return folder
 
 
@@ -94,7 +94,7 @@ def folder(one_step, tmp_path):
 
 def refusal(folder):
     with pytest.raises(InputError) as caught:
-        Training.resume(settings(), folder)
+        resume(settings(), folder)
     message = str(caught.value)
     assert message.startswith(f"{folder / CHECKPOINT}: ")
     assert f"remove {folder / CHECKPOINT} to begin anew" in message
@@ -102,8 +102,8 @@ def refusal(folder):
 
 
 def test_a_sound_checkpoint_is_gone_on_with(folder):
-    training = Training.resume(settings(), folder)
-    assert (training.step, len(training.log)) == (1, 1)
+    learner, log = resume(settings(), folder)
+    assert (learner.step, len(log)) == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_a_flipped_byte_anywhere_in_a_checkpoint_is_found(folder):
         changed[place] ^= 1 << rng.randrange(8)
         path.write_bytes(changed)
         with pytest.raises(InputError):
-            Training.resume(settings(), folder)
+            resume(settings(), folder)
 
 
 @pytest.mark.parametrize(
@@ -177,14 +177,14 @@ def test_no_training_is_lost_for_its_log(folder, content):
     (folder / LOG).unlink()
     if content is not None:
         (folder / LOG).write_bytes(content)
-    training = Training.resume(settings(), folder)
-    assert (training.step, training.log) == (1, [])
+    learner, log = resume(settings(), folder)
+    assert (learner.step, log) == (1, [])
 
 
 def test_a_network_that_gets_lost_is_refused_and_the_checkpoint_kept(folder, monkeypatch):
     before = (folder / CHECKPOINT).read_bytes()
-    monkeypatch.setattr("pipeline.training.batches", lambda *args: iter([None]))
-    monkeypatch.setattr("pipeline.training._learn", lambda training, batch: float("nan"))
+    monkeypatch.setattr("pipeline.training.folder.batches", lambda *args: iter([None]))
+    monkeypatch.setattr("stages.flow.training.loop.descend", lambda learner, batch: float("nan"))
     with pytest.raises(InputError, match=r"^step 2: found a loss of nan, .*lower learning_rate"):
         train(settings(), folder, None)
     assert (folder / CHECKPOINT).read_bytes() == before
@@ -196,7 +196,7 @@ class ThisProcess:
     exitcode = -signal.SIGKILL
 
     def Pipe(self, duplex):
-        return training_batches.multiprocessing.Pipe(duplex)
+        return maker.multiprocessing.Pipe(duplex)
 
     def Process(self, **kwargs):
         return self
@@ -208,6 +208,6 @@ class ThisProcess:
 
 
 def test_a_killed_maker_of_pairs_is_told(monkeypatch):
-    monkeypatch.setattr(training_batches.multiprocessing, "get_context", lambda method: ThisProcess())
+    monkeypatch.setattr(maker.multiprocessing, "get_context", lambda method: ThisProcess())
     with pytest.raises(MakerDied, match="killed by SIGKILL"):
         next(batches(PairSource(settings()), settings(), 0))
