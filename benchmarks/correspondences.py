@@ -32,7 +32,7 @@ from pipeline.run.task import package_versions
 from schemas.artifact import Schema
 from schemas.config import FlowConfig, RoboartConfig
 from schemas.errors import InputError
-from stages.flow import ESTIMATORS, Estimator, PairFlow
+from stages.flow.stage import ESTIMATORS, Estimator, PairFlow
 from stages.flow.trajectories import interpolate
 from stages.ingest.roboart import build_from_urdf
 from stages.ingest.roboart.descriptions import Description, own_descriptions, robot_description

@@ -43,7 +43,7 @@ from schemas.errors import InputError
 from schemas.manifest import Manifest
 from schemas.model_file import ModelJoint, Result
 from schemas.sequence import IngestedSequence
-from stages.export import WRITERS, describe
+from stages.export.stage import WRITERS, describe
 from stages.ingest.sources import list_sources
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree

@@ -37,7 +37,7 @@ from schemas.errors import InputError
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import IngestedSequence
-from stages.evaluation import reanimation_distances
+from stages.evaluation.stage import reanimation_distances
 from stages.final_fit.working import Fit, to_model, working_frames
 from stages.kernels.kinematics.articulation import Chain
 from stages.kernels.labelling.matching import match_parts

@@ -55,7 +55,7 @@ def export(
     result = read_model_folder(model)
     folder = writable_folder(out or model, "--out")
     check_target(folder)
-    from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
+    from stages.export.stage import WRITERS, check_exportable, describe  # Open3D takes seconds to import
 
     with naming(model):
         check_exportable(result)

@@ -124,7 +124,7 @@ def preload(stages: Iterable[str]) -> None:
     meanwhile nor in a worker, which would come to copy it all.
     """
     gc.disable()
-    for module in ("zarr", *(f"stages.{stage}" for stage in stages)):
+    for module in ("zarr", *(f"stages.{stage}.stage" for stage in stages)):
         with contextlib.suppress(Exception):  # the worker meets the same error, and reports it as the stage's
             importlib.import_module(module)
     package_versions()

@@ -69,8 +69,8 @@ def _resolve(config: PipelineConfig, answer: Connection) -> None:
 
     die_with_forking_parent()
     parts = (
-        ("flow.estimator", config.flow.estimator, "stages.flow", "ESTIMATORS"),
-        ("relaxed_fit.solver", config.relaxed_fit.solver, "stages.relaxed_fit", "SOLVERS"),
+        ("flow.estimator", config.flow.estimator, "stages.flow.stage", "ESTIMATORS"),
+        ("relaxed_fit.solver", config.relaxed_fit.solver, "stages.relaxed_fit.stage", "SOLVERS"),
     )
     problem = None
     try:

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from types import SimpleNamespace
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -62,15 +63,33 @@ class JobParameter(luigi.Parameter[Job]):
         super().__init__(significant=False, visibility=luigi.parameter.ParameterVisibility.PRIVATE)
 
 
+@dataclass(frozen=True)
+class Given:
+    """What a stage may know besides the artifacts that it reads. The artifact's key and folder cover all of it.
+
+    `settings` holds the sections that the task declares, and no others. Its type is that of the whole configuration, so
+    that types are checked; whoever reads another section gets an AttributeError.
+    """
+
+    source: Source
+    settings: PipelineConfig
+    parameters: Mapping[str, Any]
+    rng: np.random.Generator
+    progress: Progress
+
+
 class StageTask(luigi.Task):
     """One stage of one sequence. A subclass states `stage`, `version`, `schema`, `requires` and `compute`.
 
-    `version` is raised whenever the stage's code gives other results: what was made before is then made anew.
+    `version` is VERSION of the stage's package. `also` names the sections of the configuration that `compute` reads
+    besides the stage's own; each must be that of a stage further up, whose key, and so this task's, covers it.
+    `compute` and `files` are static: they cannot reach the job, where the other settings are.
     """
 
     stage: ClassVar[str]
     version: ClassVar[int]
     schema: ClassVar[type[Artifact]]
+    also: ClassVar[tuple[str, ...]] = ()
 
     job = JobParameter()
 
@@ -78,7 +97,11 @@ class StageTask(luigi.Task):
         """The tasks whose artifacts this one reads, by the names that `compute` knows them by."""
         return {}
 
-    def compute(self, inputs: Mapping[str, Any], rng: np.random.Generator, progress: Progress) -> Artifact:
+    def check(self, inputs: Mapping[str, Any]) -> None:
+        """Refuse, before any work, settings of later stages that these inputs rule out. Raises InputError."""
+
+    @staticmethod
+    def compute(inputs: Mapping[str, Any], given: Given) -> Artifact:
         """The stage itself: its output from what `requires` names."""
         raise NotImplementedError
 
@@ -86,7 +109,8 @@ class StageTask(luigi.Task):
         """What tells this task from others of the same stage and sequence."""
         return {}
 
-    def files(self, output: Any, inputs: Mapping[str, Any]) -> dict[str, bytes]:
+    @staticmethod
+    def files(output: Any, inputs: Mapping[str, Any], given: Given) -> dict[str, bytes]:
         """Files to be kept beside the arrays, for other programs and for people."""
         return {}
 
@@ -98,13 +122,20 @@ class StageTask(luigi.Task):
         """The keys of what this task reads; the digest of a user's own function, which has no version, is one."""
         return {name: task.key for name, task in self.requires().items()} | own_code(self.function())
 
+    @property
+    def settings(self) -> PipelineConfig:
+        """The sections that `compute` sees: the stage's own, where there is one, and those of `also`."""
+        own = (self.stage,) if self.stage in PipelineConfig.model_fields else ()
+        seen = {section: getattr(self.job.config, section) for section in own + self.also}
+        return cast(PipelineConfig, SimpleNamespace(**seen))
+
     @cached_property
     def key(self) -> str:
-        settings = getattr(self.job.config, self.stage, None)
+        own = getattr(self.settings, self.stage, None)
         return artifact_key(
             stage=self.stage,
             version=self.version,
-            config=settings.model_dump(mode="json") if settings else {},
+            config=own.model_dump(mode="json") if own else {},
             parameters=self.parameters(),
             upstream=self.upstream_keys(),
             seed=self.job.config.seed,
@@ -186,8 +217,10 @@ class StageTask(luigi.Task):
         start = time.perf_counter()
         inputs = {name: task.read() for name, task in self.requires().items()}
         read = time.perf_counter()
-        output = self.compute(inputs, self._generator(), self._progress())
-        files = self.files(output, inputs)
+        self.check(inputs)
+        given = Given(self.job.source, self.settings, self.parameters(), self._generator(), self._progress())
+        output = self.compute(inputs, given)
+        files = self.files(output, inputs, given)
         computed = time.perf_counter()
         config = self.job.config
         provenance = Provenance(

@@ -1,15 +1,17 @@
-"""The tasks, in the order in which data flows. Stages are imported where they run, in a worker process."""
+"""The tasks, in the order in which data flows.
+
+A stage is a package whose `__init__` holds its VERSION and imports nothing, so that keys cost no time; its function is
+in `stage.py`, which is imported where it runs, in a worker process: torch takes seconds to import.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from pipeline.run.isolated_luigi import luigi
 from pipeline.run.plugins import own_weights
-from pipeline.run.task import Job, StageTask
+from pipeline.run.task import Given, Job, StageTask
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
@@ -18,25 +20,38 @@ from schemas.relaxed import RelaxedModel
 from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import IngestedSequence
-from stages.support.progress import Progress
+from stages import (
+    canonical_frame,
+    evaluation,
+    export,
+    final_fit,
+    flow,
+    ingest,
+    merging,
+    projection,
+    relaxed_fit,
+    report,
+    result,
+)
 
 Inputs = Mapping[str, Any]
 
 
 class IngestTask(StageTask):
-    stage, version, schema = "ingest", 1, IngestedSequence
+    stage, version, schema = "ingest", ingest.VERSION, IngestedSequence
 
     def upstream_keys(self) -> dict[str, str]:
         return {"source": self.job.source_digest}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> IngestedSequence:
-        from stages.ingest import ingest
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> IngestedSequence:
+        from stages.ingest.stage import ingest
 
-        return ingest(self.job.source, self.job.config.ingest, rng, progress)
+        return ingest(given.source, given.settings.ingest, given.rng, given.progress)
 
 
 class FlowTask(StageTask):
-    stage, version, schema = "flow", 1, Flow
+    stage, version, schema = "flow", flow.VERSION, Flow
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job)}
@@ -47,15 +62,16 @@ class FlowTask(StageTask):
     def upstream_keys(self) -> dict[str, str]:
         return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Flow:
-        from stages.canonical_frame import candidate_frames
-        from stages.flow import estimate_flow
+    def check(self, inputs: Inputs) -> None:
+        from stages.canonical_frame.candidates import candidate_frames
 
-        config, sequence = self.job.config, inputs["ingest"].sequence
-        candidate_frames(
-            sequence.point_counts.tolist(), config.canonical_frame
-        )  # what it refuses is told before the work
-        return estimate_flow(sequence, config.flow, rng, progress)
+        candidate_frames(inputs["ingest"].sequence.point_counts.tolist(), self.job.config.canonical_frame)
+
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Flow:
+        from stages.flow.stage import estimate_flow
+
+        return estimate_flow(inputs["ingest"].sequence, given.settings.flow, given.rng, given.progress)
 
 
 class CandidateTask(StageTask):
@@ -73,7 +89,7 @@ class CandidateTask(StageTask):
 
 
 class RelaxedFitTask(CandidateTask):
-    stage, version, schema = "relaxed_fit", 5, RelaxedModel
+    stage, version, schema = "relaxed_fit", relaxed_fit.VERSION, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
         ingest = IngestTask(job=self.job)
@@ -84,47 +100,51 @@ class RelaxedFitTask(CandidateTask):
     def function(self) -> str:
         return self.job.config.relaxed_fit.solver
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> RelaxedModel:
-        from stages.canonical_frame import candidate_frames
-        from stages.relaxed_fit import fit_relaxed
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> RelaxedModel:
+        from stages.canonical_frame.candidates import candidate_frame
         from stages.relaxed_fit.carry_over import carry_over
+        from stages.relaxed_fit.stage import fit_relaxed
 
-        config, sequence = self.job.config, inputs["ingest"].sequence
-        frame = candidate_frames(sequence.point_counts.tolist(), config.canonical_frame)[self.candidate]
+        sequence = inputs["ingest"].sequence
+        frame = candidate_frame(sequence.point_counts.tolist(), **given.parameters)
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
-        return fit_relaxed(sequence, inputs["flow"], frame, config.relaxed_fit, rng, progress)
+        return fit_relaxed(sequence, inputs["flow"], frame, given.settings.relaxed_fit, given.rng, given.progress)
 
 
 class ProjectionTask(CandidateTask):
-    stage, version, schema = "projection", 3, KinematicModel
+    stage, version, schema = "projection", projection.VERSION, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         relaxed = RelaxedFitTask(job=self.job, candidate=self.candidate)
         return {"ingest": IngestTask(job=self.job), "relaxed_fit": relaxed}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
-        from stages.projection import project
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> KinematicModel:
+        from stages.projection.stage import project
 
-        return project(inputs["relaxed_fit"], inputs["ingest"].sequence, self.job.config.projection)
+        return project(inputs["relaxed_fit"], inputs["ingest"].sequence, given.settings.projection)
 
 
 class MergingTask(CandidateTask):
-    stage, version, schema = "merging", 3, KinematicModel
+    stage, version, schema = "merging", merging.VERSION, KinematicModel
+    also = ("projection",)
 
     def requires(self) -> dict[str, StageTask]:
         projection = ProjectionTask(job=self.job, candidate=self.candidate)
         return {"ingest": IngestTask(job=self.job), "projection": projection}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
-        from stages.merging import merge
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> KinematicModel:
+        from stages.merging.stage import merge
 
-        config = self.job.config  # the settings of projection are in the key of what is read
-        return merge(inputs["projection"], inputs["ingest"].sequence, config.merging, config.projection)
+        settings, sequence = given.settings, inputs["ingest"].sequence
+        return merge(inputs["projection"], sequence, settings.merging, settings.projection)
 
 
 class FinalFitTask(CandidateTask):
-    stage, version, schema = "final_fit", 10, KinematicModel
+    stage, version, schema = "final_fit", final_fit.VERSION, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job
@@ -134,79 +154,87 @@ class FinalFitTask(CandidateTask):
             "merging": MergingTask(job=job, candidate=self.candidate),
         }
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> KinematicModel:
-        from stages.final_fit import fit_final
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> KinematicModel:
+        from stages.final_fit.stage import fit_final
 
         model, sequence = inputs["merging"], inputs["ingest"].sequence
-        return fit_final(model, sequence, inputs["flow"], self.job.config.final_fit, rng, progress)
+        return fit_final(model, sequence, inputs["flow"], given.settings.final_fit, given.rng, given.progress)
 
 
 class CanonicalFrameTask(StageTask):
-    stage, version, schema = "canonical_frame", 4, CanonicalChoice
+    stage, version, schema = "canonical_frame", canonical_frame.VERSION, CanonicalChoice
+    also = ("final_fit",)
 
     def requires(self) -> dict[str, StageTask]:
         config = self.job.config.canonical_frame
         tasks = [FinalFitTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
         return {"ingest": IngestTask(job=self.job)} | {task.label: task for task in tasks}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> CanonicalChoice:
-        from stages.canonical_frame import choose
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> CanonicalChoice:
+        from stages.canonical_frame.stage import choose
 
         models = [model for name, model in inputs.items() if name != "ingest"]
-        config = self.job.config
-        return choose(models, inputs["ingest"].sequence, config.canonical_frame.by, config.final_fit)
+        settings, sequence = given.settings, inputs["ingest"].sequence
+        return choose(models, sequence, settings.canonical_frame.by, settings.final_fit)
 
 
 class ResultTask(StageTask):
-    stage, version, schema = "result", 3, Result
+    stage, version, schema = "result", result.VERSION, Result
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Result:
-        from stages.result import to_result
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Result:
+        from stages.result.stage import to_result
 
         return to_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
 
-    def files(self, output: Result, inputs: Inputs) -> dict[str, bytes]:
-        from stages.result import result_files
+    @staticmethod
+    def files(output: Result, inputs: Inputs, given: Given) -> dict[str, bytes]:
+        from stages.result.stage import result_files
 
         return result_files(output)
 
 
 class ExportTask(StageTask):
-    stage, version, schema = "export", 3, Robot
+    stage, version, schema = "export", export.VERSION, Robot
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "result": ResultTask(job=self.job)}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Robot:
-        from stages.export import describe
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Robot:
+        from stages.export.stage import describe
 
         sequence = inputs["ingest"].sequence
         frames = [sequence.to_input(frame) for frame in sequence.frames()]
-        return describe(inputs["result"], frames, self.job.config.export, self.job.source.name)
+        return describe(inputs["result"], frames, given.settings.export, given.source.name)
 
-    def files(self, output: Robot, inputs: Inputs) -> dict[str, bytes]:
-        from stages.export import mjcf_files, urdf_files
+    @staticmethod
+    def files(output: Robot, inputs: Inputs, given: Given) -> dict[str, bytes]:
+        from stages.export.stage import mjcf_files, urdf_files
 
         return urdf_files(output) | mjcf_files(output)
 
 
 class EvaluationTask(StageTask):
-    stage, version, schema = "evaluation", 3, Metrics
+    stage, version, schema = "evaluation", evaluation.VERSION, Metrics
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Metrics:
-        from stages.evaluation import evaluate
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Metrics:
+        from stages.evaluation.stage import evaluate
 
-        return evaluate(inputs["canonical_frame"].model, inputs["ingest"], self.job.config.evaluation, rng)
+        return evaluate(inputs["canonical_frame"].model, inputs["ingest"], given.settings.evaluation, given.rng)
 
 
 class ReportTask(StageTask):
-    stage, version, schema = "report", 2, Report
+    stage, version, schema = "report", report.VERSION, Report
 
     def requires(self) -> dict[str, StageTask]:
         return {
@@ -216,15 +244,17 @@ class ReportTask(StageTask):
             "evaluation": EvaluationTask(job=self.job),
         }
 
-    def compute(self, inputs: Inputs, rng: np.random.Generator, progress: Progress) -> Report:
-        from stages.report import measure
+    @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Report:
+        from stages.report.stage import measure
 
         return measure(inputs["result"], inputs["ingest"].sequence)
 
-    def files(self, output: Report, inputs: Inputs) -> dict[str, bytes]:
-        from stages.report import report_files
+    @staticmethod
+    def files(output: Report, inputs: Inputs, given: Given) -> dict[str, bytes]:
+        from stages.report.stage import report_files
 
-        name, robot, metrics = self.job.source.name, inputs["export"], inputs["evaluation"]
+        name, robot, metrics = given.source.name, inputs["export"], inputs["evaluation"]
         return report_files(name, inputs["result"], inputs["ingest"], output, robot, metrics)
 
 

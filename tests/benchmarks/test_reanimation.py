@@ -10,7 +10,7 @@ from schemas.errors import InputError
 from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation import evaluate
+from stages.evaluation.stage import evaluate
 from stages.kernels.kinematics.kinematic_tree import KinematicTree
 from stages.kernels.motion.rigid_motion import move_points
 

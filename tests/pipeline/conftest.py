@@ -25,7 +25,7 @@ from schemas.config import PipelineConfig
 from schemas.errors import InputError, UnavailableError
 from schemas.manifest import Provenance
 from stages.ingest.sources import RoboartSource
-from stages.result import result_files
+from stages.result.stage import result_files
 
 
 class Numbers(Artifact):
@@ -52,14 +52,15 @@ class FirstTask(StageTask):
     def upstream_keys(self):
         return {"source": self.job.source_digest}
 
-    def compute(self, inputs, rng, progress):
+    @staticmethod
+    def compute(inputs, given):
         print("a word on standard output")
         logging.getLogger("rearticulate.test").warning("three points were dropped")
-        if self.job.source.refuses == "load":
+        if given.source.refuses == "load":
             raise InputError("frame.ply: found\nnothing")
         for step in range(100):
-            progress(step, 100, 1.0 / (step + 1))
-        return Numbers(values=rng.normal(size=4))
+            given.progress(step, 100, 1.0 / (step + 1))
+        return Numbers(values=given.rng.normal(size=4))
 
 
 class MiddleTask(StageTask):
@@ -72,8 +73,9 @@ class MiddleTask(StageTask):
     def requires(self):
         return {"first": FirstTask(job=self.job)}
 
-    def compute(self, inputs, rng, progress):
-        return Numbers(values=inputs["first"].values + rng.normal(size=4))
+    @staticmethod
+    def compute(inputs, given):
+        return Numbers(values=inputs["first"].values + given.rng.normal(size=4))
 
 
 class LastTask(StageTask):
@@ -82,10 +84,12 @@ class LastTask(StageTask):
     def requires(self):
         return {f"middle {i}": MiddleTask(job=self.job, candidate=i) for i in range(2)}
 
-    def compute(self, inputs, rng, progress):
+    @staticmethod
+    def compute(inputs, given):
         return Numbers(values=np.concatenate([inputs["middle 0"].values, inputs["middle 1"].values]))
 
-    def files(self, output, inputs):
+    @staticmethod
+    def files(output, inputs, given):
         return {"model.json": b"{}"}
 
 

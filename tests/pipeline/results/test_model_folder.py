@@ -9,7 +9,7 @@ from pipeline.results.model_folder import frames_of_model, read_model_folder
 from pipeline.store import artifacts
 from schemas.errors import InputError
 from schemas.manifest import Provenance
-from stages.result import result_files
+from stages.result.stage import result_files
 
 
 @pytest.fixture

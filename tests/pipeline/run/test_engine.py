@@ -26,7 +26,8 @@ PROGRAM = TINY + textwrap.dedent(
     """
     class KilledTask(tiny.MiddleTask):
         stage = "flow"
-        def compute(self, inputs, rng, progress):
+        @staticmethod
+        def compute(inputs, given):
             os.kill(os.getpid(), signal.SIGKILL)
 
     class AfterTask(tiny.LastTask):
@@ -45,12 +46,14 @@ PROGRAM = TINY + textwrap.dedent(
 INGEST = TINY + textwrap.dedent(
     """
     class EndsItsParentTask(tiny.FirstTask):
-        def compute(self, inputs, rng, progress):
+        @staticmethod
+        def compute(inputs, given):
             os.kill(os.getppid(), signal.SIGKILL)
 
     kind = EndsItsParentTask if "killed" in sys.argv else tiny.FirstTask
     ingest([kind(job=pipeline.job(source=source)) for source in sources], ["result"], 2)
-    print(json.dumps({"preloaded": "stages.result" in sys.modules, "threads": len(os.listdir("/proc/self/task"))}))
+    threads = len(os.listdir("/proc/self/task"))
+    print(json.dumps({"preloaded": "stages.result.stage" in sys.modules, "threads": threads}))
     """
 )
 

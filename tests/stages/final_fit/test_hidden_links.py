@@ -11,7 +11,7 @@ from stages.kernels.alignment.registration import Registration
 from stages.kernels.kinematics.screw import screw_transform
 from stages.kernels.motion import se3
 from stages.kernels.motion.rigid_motion import move_points
-from stages.projection import part_samples
+from stages.projection.stage import part_samples
 
 BODY, HOUSING, ARM = 0, 1, 2
 PRICE = 10.0  # these objects have few points

@@ -45,5 +45,5 @@ def test_a_restored_learner_takes_the_same_next_step(batch):
 def test_a_state_that_does_not_fit_is_refused_by_its_origins_name(batch):
     learner = Learner.start(CONFIG)
     list(learn(learner, [batch], [], lambda: 0.0))
-    with pytest.raises(InputError, match="^a checkpoint: found step '9'"):
+    with pytest.raises(InputError, match=r"^a checkpoint: found step '9'"):
         Learner.start(CONFIG).restore(learner.state(), "9", "a checkpoint")

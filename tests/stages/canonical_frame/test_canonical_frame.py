@@ -3,8 +3,9 @@ import pytest
 
 from schemas.config import CanonicalFrameConfig, FinalFitConfig, ProjectionConfig
 from schemas.errors import InputError
-from stages.canonical_frame import candidate_frames, choose
-from stages.projection import link_parts
+from stages.canonical_frame.candidates import candidate_frames
+from stages.canonical_frame.stage import choose
+from stages.projection.stage import link_parts
 
 CONFIG = FinalFitConfig(points=400)
 

@@ -14,7 +14,7 @@ from schemas.kinematic import KinematicModel
 from schemas.model_file import ModelFile
 from schemas.sequence import PointSequence
 from stages.kernels.kinematics.forward_kinematics import forward_kinematics
-from stages.result import result_files, to_result
+from stages.result.stage import result_files, to_result
 
 FRAMES, CANONICAL, POINTS = 6, 2, 40
 PARENT, CHILD = np.array([2, 2, 0]), np.array([0, 1, 3])

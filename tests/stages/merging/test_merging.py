@@ -3,8 +3,8 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import MergingConfig, ProjectionConfig
-from stages.merging import merge, touching_parts
-from stages.projection import link_parts
+from stages.merging.stage import merge, touching_parts
+from stages.projection.stage import link_parts
 
 MERGING, PROJECTION = MergingConfig(threshold=0.8), ProjectionConfig()
 

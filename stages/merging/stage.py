@@ -13,7 +13,7 @@ from stages.kernels.motion import se3
 from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
 from stages.kernels.points.nearest import neighbours
 from stages.kernels.points.sampling import spacing
-from stages.projection import link_parts, spatial_energies
+from stages.projection.stage import link_parts, spatial_energies
 
 SURFACE_NEIGHBOURS = 8
 CONTACT = 5  # parts touch where at least so many pairs of neighbouring points cross from one to the other

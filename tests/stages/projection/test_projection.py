@@ -3,7 +3,7 @@ import pytest
 
 from schemas.config import ProjectionConfig
 from schemas.relaxed import RelaxedModel
-from stages.projection import base_part, group_energy, link_parts, project, spanning_tree, spatial_energies
+from stages.projection.stage import base_part, group_energy, link_parts, project, spanning_tree, spatial_energies
 
 CONFIG = ProjectionConfig()
 
