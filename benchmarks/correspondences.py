@@ -27,13 +27,13 @@ from jaxtyping import Float64
 from pydantic import ValidationError
 from run import FOLDER, Machine, commit, machine
 
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
 from schemas.artifact import Schema
 from schemas.config import FlowConfig, RoboartConfig
 from schemas.errors import InputError
 from schemas.joints import REVOLUTE, JointKind
-from stages.flow import ESTIMATORS, Estimator, PairFlow
+from stages.flow.stage import ESTIMATORS, Estimator, PairFlow
 from stages.flow.trajectories import interpolate
 from stages.ingest.roboart import build_from_urdf
 from stages.ingest.roboart.descriptions import Description, own_descriptions, robot_description

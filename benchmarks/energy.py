@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 from run import facts
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.flow import Flow
 from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence
-from stages.flow import estimate_flow
-from stages.ingest import ingest
+from stages.flow.stage import estimate_flow
 from stages.ingest.sources import file_source
+from stages.ingest.stage import ingest
 from stages.kernels.motion.rigid_motion import move_points
-from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.reconstruction_energy import EnergyTerms, ReconstructionEnergy
+from stages.relaxed_fit.stage import fit_relaxed
 from stages.support.progress import silent
 
 

@@ -21,18 +21,19 @@ from jaxtyping import Float64, Int64
 from run import facts
 from sklearn.metrics import adjusted_rand_score
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.config import PipelineConfig
 from schemas.kinematic import KinematicModel
-from stages.canonical_frame import candidate_frames, choose
-from stages.final_fit import fit_final
-from stages.flow import estimate_flow
+from stages.canonical_frame.candidates import candidate_frames
+from stages.canonical_frame.stage import choose
+from stages.final_fit.stage import fit_final
+from stages.flow.stage import estimate_flow
 from stages.ingest.normalise import normalise
 from stages.ingest.readers import Frame
-from stages.merging import merge
-from stages.projection import project
-from stages.relaxed_fit import fit_relaxed
+from stages.merging.stage import merge
+from stages.projection.stage import project
 from stages.relaxed_fit.carry_over import carry_over
+from stages.relaxed_fit.stage import fit_relaxed
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # its least and greatest corner
 X, Y, Z = np.eye(3)

@@ -26,20 +26,20 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from pydantic import Field
 from run import FOLDER, Machine, commit, machine
+from stages.kernels.kinematics.articulation import Chain
 
-from pipeline import store
-from pipeline.keys import canonical_json
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
+from pipeline.store import artifacts
+from pipeline.store.keys import canonical_json
 from schemas.artifact import Schema
 from schemas.config import FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import IngestedSequence
-from stages.evaluation import reanimation_distances
+from stages.evaluation.stage import reanimation_distances
 from stages.final_fit.working import Fit, to_model, working_frames
-from stages.kernels.kinematics.articulation import Chain
 from stages.kernels.labelling.matching import match_parts
 
 DRAWS = 5  # of the told points; the first is the evaluation's own
@@ -90,9 +90,9 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--results", type=Path, default=FOLDER / "results", help="where the record is kept")
     arguments = parser.parse_args(words)
     found = [path for depth in ("*/", "*/*/") for path in arguments.workdir.glob(f"{depth}evaluation-*/manifest.json")]
-    artifacts = [path.parent for path in sorted(found) if not arguments.only or path.parts[-3] in arguments.only]
+    directories = [path.parent for path in sorted(found) if not arguments.only or path.parts[-3] in arguments.only]
     measured = []
-    for artifact in artifacts:
+    for artifact in directories:
         try:
             measured.append(measure(artifact, arguments.draws))
             print(f"{measured[-1].sequence}: {measured[-1].ratio:.2f} times the sampling floor", flush=True)
@@ -123,11 +123,11 @@ def main(words: list[str] | None = None) -> int:
 
 def measure(artifact: Path, draws: int) -> Reanimation:
     """One sequence, by its evaluation's artifact. Raises InputError where the truth lacks what this needs."""
-    manifest = store.read_manifest(artifact)
+    manifest = artifacts.read_manifest(artifact)
     upstream = {stage: artifact.with_name(f"{stage}-{key}") for stage, key in manifest.upstream.items()}
-    ingested = store.read(upstream["ingest"], IngestedSequence)
-    fitted = store.read(upstream["canonical_frame"], CanonicalChoice).model
-    metrics = store.read(artifact, Metrics)
+    ingested = artifacts.read(upstream["ingest"], IngestedSequence)
+    fitted = artifacts.read(upstream["canonical_frame"], CanonicalChoice).model
+    metrics = artifacts.read(artifact, Metrics)
     config = PipelineConfig.model_validate(manifest.config)
     exact = true_model(ingested, fitted.canonical_frame)
     sampled = fitted_to_frames(exact, ingested, config.final_fit)

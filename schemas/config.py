@@ -1,7 +1,7 @@
 """The configuration: one frozen model per stage; unknown keys are refused.
 
 Lengths are in the normalised frame (the object's diagonal is 1) unless a name says otherwise, so that no
-setting depends on the input's units or the object's size. Presets live in `pipeline/presets/`.
+setting depends on the input's units or the object's size. Presets live in `pipeline/configuration/presets/`.
 """
 
 from __future__ import annotations

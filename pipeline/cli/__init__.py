@@ -23,8 +23,8 @@ from pipeline.cli.rerun import rerun
 from pipeline.cli.run import run
 from pipeline.cli.status import status
 from pipeline.cli.train_flow import train_flow
-from pipeline.failures import one_line
-from pipeline.store import ArtifactError
+from pipeline.run.failures import one_line
+from pipeline.store.artifacts import ArtifactError
 from schemas.errors import InputError
 
 OF_A_FILE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)

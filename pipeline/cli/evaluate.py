@@ -25,8 +25,8 @@ from pipeline.cli.options import (
 )
 from pipeline.cli.run import show
 from pipeline.cli.tables import screen_table
-from pipeline.protocol import Request
-from pipeline.report_tables import comparison_tables
+from pipeline.results.report_tables import comparison_tables
+from pipeline.run.protocol import Request
 from schemas.scores import Comparison, MissingScore
 
 
@@ -60,9 +60,9 @@ def evaluate(
 
     - `reart evaluate --dataset roboart --against earlier/evaluation.json`
     """
-    from pipeline.comparison import compare
-    from pipeline.evaluation_files import default_folder, write_evaluation
-    from pipeline.scores import gather, read_scores
+    from pipeline.results.comparison import compare
+    from pipeline.results.evaluation_files import default_folder, write_evaluation
+    from pipeline.results.scores import gather, read_scores
 
     earlier = None if against is None else read_scores(against)  # first: it may be what is about to be overwritten
     request = Request(

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, SetOption, naming, writable_folder
-from pipeline.delivery import check_target, deliver
-from pipeline.model_folder import frames_of_model, read_model_folder
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
+from pipeline.results.delivery import check_target, deliver
+from pipeline.results.model_folder import frames_of_model, read_model_folder
 from schemas.errors import InputError
 
 FORMATS = ("urdf", "mjcf")
@@ -55,7 +55,7 @@ def export(
     result = read_model_folder(model)
     folder = writable_folder(out or model, "--out")
     check_target(folder)
-    from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
+    from stages.export.stage import WRITERS, check_exportable, describe  # Open3D takes seconds to import
 
     with naming(model):
         check_exportable(result)

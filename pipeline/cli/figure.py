@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, writable_folder
-from pipeline.files import write_atomically
-from pipeline.model_folder import ingested_of_model, read_model_folder
+from pipeline.results.model_folder import ingested_of_model, read_model_folder
+from pipeline.store.files import write_atomically
 from schemas.errors import InputError
 
 FORMATS = (".png", ".svg", ".pdf")

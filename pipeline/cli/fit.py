@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline import store
 from pipeline.cli.options import (
     PresetOption,
     SeedOption,
@@ -23,10 +22,11 @@ from pipeline.cli.options import (
 )
 from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
-from pipeline.delivery import MESHES, RECORD, check_target, deliver
-from pipeline.launch import Outcome
-from pipeline.protocol import Request
-from pipeline.remarks import remarks
+from pipeline.results.delivery import MESHES, RECORD, check_target, deliver
+from pipeline.results.remarks import remarks
+from pipeline.run.launch import Outcome
+from pipeline.run.protocol import Request
+from pipeline.store import artifacts
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile
 
@@ -88,9 +88,9 @@ def directory_of(outcome: Outcome, task: str) -> Path:
 def delivered_files(outcome: Outcome) -> dict[str, bytes]:
     """What the user gets, by relative path: the model first, which is written last, and meshes last."""
     stages = ("result", "export", "report")
-    result, exported, report = (store.read_files(directory_of(outcome, stage)) for stage in stages)
+    result, exported, report = (artifacts.read_files(directory_of(outcome, stage)) for stage in stages)
     files = {name: result[name] for name in ("model.json", "model.npz")}
-    metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
+    metrics = artifacts.read(directory_of(outcome, "evaluation"), Metrics)
     if metrics.parts_true is not None:
         files["metrics.json"] = metrics.model_dump_json(indent=1).encode() + b"\n"
     files["report.html"] = report["report.html"]
@@ -100,9 +100,9 @@ def delivered_files(outcome: Outcome) -> dict[str, bytes]:
 
 def summarise(request: Request, outcome: Outcome, console: Console) -> None:
     """Say what was found, how well it fits, and what the user should know of it."""
-    model = store.read_manifest(directory_of(outcome, "result")).payload["model"]
+    model = artifacts.read_manifest(directory_of(outcome, "result")).payload["model"]
     console.print(model_table(ModelFile.model_validate(model)))
-    energies = store.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
+    energies = artifacts.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
     console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
     show(evaluation_of(request, outcome), console)
     for _, line in remarks(outcome):

@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pipeline import inspection
 from pipeline.cli.options import JsonOption, screen
-from pipeline.delivery import RECORD, check_delivery
-from pipeline.store import MANIFEST
+from pipeline.results import inspection
+from pipeline.results.delivery import RECORD, check_delivery
+from pipeline.store.artifacts import MANIFEST
 from schemas.errors import InputError
 
 

@@ -13,11 +13,12 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from pipeline import launch, store
-from pipeline.display import RunDisplay
-from pipeline.failures import AGAIN
-from pipeline.presets import DATASETS, load_config
-from pipeline.protocol import Request
+from pipeline.cli.display import RunDisplay
+from pipeline.configuration.presets import DATASETS, load_config
+from pipeline.run import launch
+from pipeline.run.failures import AGAIN
+from pipeline.run.protocol import Request
+from pipeline.store import artifacts
 from schemas.config import PipelineConfig
 from schemas.errors import InputError
 
@@ -99,7 +100,7 @@ def naming(path: Path) -> Iterator[None]:
 
 def writable_folder(folder: Path, option: str) -> Path:
     """Make a folder where there is none. Raises InputError where nothing can be written there, and for an artifact."""
-    if (folder / store.MANIFEST).exists() and (folder / store.ARRAYS).exists():
+    if (folder / artifacts.MANIFEST).exists() and (folder / artifacts.ARRAYS).exists():
         raise InputError(f"{option} {folder}: found an artifact, whose files stay as they are; name another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)

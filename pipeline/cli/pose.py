@@ -13,8 +13,8 @@ from rich.table import Table
 
 from pipeline.cli.options import JsonOption, ModelArgument, naming, screen, writable_folder
 from pipeline.cli.tables import observed_range
-from pipeline.files import write_files
-from pipeline.model_folder import read_model_folder
+from pipeline.results.model_folder import read_model_folder
+from pipeline.store.files import write_files
 from schemas.errors import InputError
 from schemas.model_file import ModelFile
 from schemas.pose import Pose
@@ -78,7 +78,7 @@ def pose(
     result = read_model_folder(model)
     if out is not None:
         writable_folder(out, "--out")
-    from pipeline.pose_files import pose_files, read_states, read_targets
+    from pipeline.results.pose_files import pose_files, read_states, read_targets
     from stages.rearticulation.posing import pose_by_states, pose_by_targets
 
     if targets is not None:

@@ -19,7 +19,7 @@ from pipeline.cli.options import (
     writable_folder,
 )
 from pipeline.cli.run import finish
-from pipeline.protocol import Request
+from pipeline.run.protocol import Request
 
 
 def rerun(

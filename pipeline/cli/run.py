@@ -8,7 +8,6 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from pipeline import store
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
@@ -26,12 +25,13 @@ from pipeline.cli.options import (
     writable_folder,
 )
 from pipeline.cli.tables import screen_table
-from pipeline.evaluation_files import PAGES, default_folder, write_evaluation
-from pipeline.files import check_own_folder
-from pipeline.launch import FAILED, Outcome
-from pipeline.protocol import Request
-from pipeline.remarks import remarks
-from pipeline.report_tables import brief_tables
+from pipeline.results.evaluation_files import PAGES, default_folder, write_evaluation
+from pipeline.results.remarks import remarks
+from pipeline.results.report_tables import brief_tables
+from pipeline.run.launch import FAILED, Outcome
+from pipeline.run.protocol import Request
+from pipeline.store import artifacts
+from pipeline.store.files import check_own_folder
 from schemas.scores import MissingScore, Scores
 
 
@@ -96,24 +96,24 @@ def conclude(request: Request, outcome: Outcome, console: Console, write: bool) 
         console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
 
 
-def unsound_results(outcome: Outcome) -> list[store.ArtifactError]:
+def unsound_results(outcome: Outcome) -> list[artifacts.ArtifactError]:
     """What is wrong with the files of those artifacts that a run ends in. Every byte of them is read."""
-    from pipeline.tasks import FINAL
+    from pipeline.run.tasks import FINAL
 
     ends = {task.stage for task in FINAL}
     unsound = []
     for place in outcome.planned.values():
         if place.stage in ends and outcome.is_complete(place):
             try:
-                store.read_files(place.directory)
-            except store.ArtifactError as error:
+                artifacts.read_files(place.directory)
+            except artifacts.ArtifactError as error:
                 unsound.append(error)
     return unsound
 
 
 def evaluation_of(request: Request, outcome: Outcome) -> Scores:
     """The evaluation of what a run was to make, from what it left on the disk. No input is read once more."""
-    from pipeline.scores import PlannedSequence, scores_of
+    from pipeline.results.scores import PlannedSequence, scores_of
 
     planned = [PlannedSequence(name, origin, outcome.places_of(name)) for name, origin in outcome.origins.items()]
     missing = [

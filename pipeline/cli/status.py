@@ -22,10 +22,10 @@ from pipeline.cli.options import (
     dataset_config,
     screen,
 )
-from pipeline.protocol import Request
+from pipeline.run.protocol import Request
 
 if TYPE_CHECKING:
-    from pipeline.status import TaskStatus
+    from pipeline.results.status import TaskStatus
 
 COLOURS = {"corrupt": "red", "unreadable": "red", "failed": "red", "stale": "yellow", "missing": "dim"}  # worst first
 
@@ -51,7 +51,7 @@ def status(
 
     - `reart status --dataset scans --data my_scans --check --json`
     """
-    from pipeline.status import collect
+    from pipeline.results.status import collect
 
     request = Request(
         dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed), data=data

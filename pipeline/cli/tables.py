@@ -6,7 +6,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline import report_tables
+from pipeline.results import report_tables
 from schemas.model_file import ModelFile, ModelJoint
 from schemas.sequence import LENGTH_SYMBOLS
 

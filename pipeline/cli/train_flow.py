@@ -12,7 +12,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pipeline.cli.options import SetOption, screen, writable_folder
-from pipeline.presets import TRAINING_FOLDER, load_settings
+from pipeline.configuration.presets import TRAINING_FOLDER, load_settings
 from schemas.config import TrainFlowConfig
 from schemas.training import Measurement, Step
 
@@ -48,8 +48,8 @@ def train_flow(
     presets = [name for name in (preset, str(config) if config else None) if name is not None]
     chosen = load_settings(TrainFlowConfig, TRAINING_FOLDER, presets, settings)
     folder = writable_folder(out, "--out")
-    from pipeline.training import train  # torch takes seconds to import
-    from pipeline.training_batches import MakerDied
+    from pipeline.training.batches import MakerDied
+    from pipeline.training.folder import train  # torch takes seconds to import
 
     console = screen()
     losses: deque[float] = deque(maxlen=RECENT)

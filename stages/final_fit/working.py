@@ -17,7 +17,7 @@ from stages.kernels.kinematics.closed_form import fit_joint, nearest_point_to_or
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import working_points
-from stages.projection import part_samples
+from stages.projection.stage import part_samples
 
 JOINT_SAMPLES = 60  # points of a part at which hypotheses of its joint are judged
 CONTACT = 2.0  # spacings within which sampled surfaces touch

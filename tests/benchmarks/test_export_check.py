@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from stages.kernels.kinematics.kinematic_tree import KinematicTree
 
 from schemas.config import ExportConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.export import WRITERS, describe
-from stages.kernels.kinematics.kinematic_tree import KinematicTree
-from stages.result import to_result
+from stages.export.stage import WRITERS, describe
+from stages.result.stage import to_result
 
 
 @pytest.fixture

@@ -3,15 +3,15 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from stages.kernels.kinematics.kinematic_tree import KinematicTree
 
-from pipeline import store
+from pipeline.store import artifacts
 from schemas.config import EvaluationConfig, FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation import evaluate
-from stages.kernels.kinematics.kinematic_tree import KinematicTree
+from stages.evaluation.stage import evaluate
 from stages.kernels.motion.rigid_motion import move_points
 
 POINTS = 300  # of each box
@@ -73,12 +73,12 @@ def ingested():
 def finished_run(folder, ingested, model):
     """The artifacts that a run leaves of a sequence whose model this is."""
     metrics = evaluate(model, ingested, EvaluationConfig(), np.random.default_rng(0))
-    artifacts = {
+    made = {
         "ingest": ingested,
         "canonical_frame": CanonicalChoice(candidates=(), model=model),
         "evaluation": metrics,
     }
-    for stage, artifact in artifacts.items():
+    for stage, artifact in made.items():
         provenance = Provenance(
             stage=stage,
             version=1,
@@ -94,7 +94,7 @@ def finished_run(folder, ingested, model):
             peak_memory_mib=1,
             packages={},
         )
-        store.publish(folder / "scans" / "boxes" / f"{stage}-k", artifact, provenance, {})
+        artifacts.publish(folder / "scans" / "boxes" / f"{stage}-k", artifact, provenance, {})
 
 
 def test_the_true_model_is_exact_and_its_joints_can_be_fitted_to_the_frames(benchmark, ingested):

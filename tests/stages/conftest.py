@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
+from stages.kernels.kinematics.screw import screw_transform
 
 from schemas.flow import Flow
 from schemas.kinematic import KinematicModel
 from schemas.model_file import Result
 from schemas.sequence import PointSequence
-from stages.kernels.kinematics.screw import screw_transform
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.result import to_result
+from stages.result.stage import to_result
 
 FRAMES, POINTS = 5, 400
 STATES = np.array([-0.5, -0.25, 0.0, 0.3, 0.6])

@@ -11,12 +11,12 @@ from schemas.flow import Flow
 from schemas.joints import JOINT_KINDS, JointKind
 from schemas.model_file import ModelFile
 from schemas.sequence import PointSequence
-from stages.export import WRITERS, describe
+from stages.export.stage import WRITERS, describe
 from stages.export.urdf import hinges
-from stages.final_fit import fit_final
-from stages.projection import link_parts
+from stages.final_fit.stage import fit_final
+from stages.projection.stage import link_parts
 from stages.rearticulation.posing import pose_by_states, pose_by_targets
-from stages.result import to_result
+from stages.result.stage import to_result
 
 FRAMES, CANONICAL, SCALE = 7, 3, 2.0
 CENTRE = np.array([1.0, 0.0, -1.0])

@@ -19,7 +19,7 @@ from stages.flow.network.model import FeatureNetwork
 FORMAT = "rearticulate flow network 1"
 DIGEST = "digest"  # the note that holds a file's digest; files from before it was written have none
 MOST_MIB = 512
-SHIPPED = Path(__file__).with_name("weights.safetensors")  # other ones need another version of the flow task
+SHIPPED = Path(__file__).with_name("weights.safetensors")  # other ones need another stages.flow.VERSION
 
 
 def weights_file(network: FeatureNetwork, notes: Mapping[str, str]) -> bytes:
@@ -63,7 +63,7 @@ def load_network(path: Path = SHIPPED) -> FeatureNetwork:
     return network.eval()
 
 
-def check_state(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+def check_state(path: Path | str, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
     """Raises InputError where the tensors of a file are not of the expected names and shapes, and finite."""
     for name, tensor in expected.items():
         if name not in tensors:

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from schemas.kinematic import KinematicModel
-from stages.result import result_files, to_result
+from stages.result.stage import result_files, to_result
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.cli.tables import model_table, screen_table
 from pipeline.cli.train_flow import train_flow
-from pipeline.delivery import deliver
-from pipeline.presets import FOLDER, TRAINING_FOLDER, load_settings
-from pipeline.report_tables import Cell, Row, Table
+from pipeline.configuration.presets import FOLDER, TRAINING_FOLDER, load_settings
+from pipeline.results.delivery import deliver
+from pipeline.results.report_tables import Cell, Row, Table
 from schemas.config import PipelineConfig, TrainFlowConfig
 
 DATA = ("--dataset", "scans", "--data", "data")

@@ -2,9 +2,9 @@ import json
 
 import pytest
 
-from pipeline.delivery import check_delivery
-from pipeline.task import upstream_first
-from pipeline.tasks import ResultTask
+from pipeline.results.delivery import check_delivery
+from pipeline.run.task import upstream_first
+from pipeline.run.tasks import ResultTask
 
 
 def edit(folder, change):

@@ -12,7 +12,7 @@ from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation import chamfer_distance, evaluate, line_distance
+from stages.evaluation.stage import chamfer_distance, evaluate, line_distance
 
 FRAMES, PER_PART, CANONICAL = 5, 60, 3
 PARENT = [-1, 0, 1, 0]

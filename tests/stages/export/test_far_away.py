@@ -9,9 +9,9 @@ import trimesh
 import yourdfpy
 
 from schemas.config import ExportConfig
-from stages.export import WRITERS, describe
+from stages.export.stage import WRITERS, describe
 from stages.kernels.points.sampling import spacing
-from stages.result import result_files
+from stages.result.stage import result_files
 
 FINE = 1e-6  # of the points' spacing: what is told of motions is as fine
 

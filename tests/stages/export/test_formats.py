@@ -10,8 +10,8 @@ import trimesh
 import yourdfpy
 
 from schemas.config import ExportConfig
-from stages.export import WRITERS, describe
 from stages.export.markup import stl
+from stages.export.stage import WRITERS, describe
 
 
 @pytest.fixture(params=["hinge", "drawer", "hinge on a moving base"])

@@ -1,8 +1,8 @@
 import pytest
 
 from schemas.config import ExportConfig
-from stages.export import describe
 from stages.export.remarks import remarks
+from stages.export.stage import describe
 
 
 @pytest.fixture

@@ -3,15 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from stages.kernels.kinematics.screw import screw_transform
 
 from stages.final_fit.hidden_links import insert_hidden_links
 from stages.final_fit.labelling import relabel
 from stages.final_fit.working import Fit, joint_fits
 from stages.kernels.alignment.registration import Registration
-from stages.kernels.kinematics.screw import screw_transform
 from stages.kernels.motion import se3
 from stages.kernels.motion.rigid_motion import move_points
-from stages.projection import part_samples
+from stages.projection.stage import part_samples
 
 BODY, HOUSING, ARM = 0, 1, 2
 PRICE = 10.0  # these objects have few points

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from stages.kernels.kinematics.screw import screw_transform
 
 from schemas.config import ProjectionConfig
 from stages.final_fit.working import Fit, joint_fits, relative_motions, to_chain, to_model, working_frames
-from stages.kernels.kinematics.screw import screw_transform
 from stages.kernels.motion import se3
-from stages.projection import link_parts
+from stages.projection.stage import link_parts
 
 
 def model_of(truth, scale=1.0, Ts=None):

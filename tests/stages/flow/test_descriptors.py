@@ -2,8 +2,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from schemas.config import FlowConfig
-from stages.flow import estimate_flow
 from stages.flow.descriptors import SHARPNESS, fpfh
+from stages.flow.stage import estimate_flow
 
 
 def test_descriptors_have_one_length_and_do_not_turn_with_the_cloud(hinge):

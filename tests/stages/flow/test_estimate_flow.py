@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from schemas.config import FlowConfig
-from stages.flow import ESTIMATORS, estimate_flow
 from stages.flow.pair import PairFlow
+from stages.flow.stage import ESTIMATORS, estimate_flow
 
 RNG = np.random.default_rng(0)
 

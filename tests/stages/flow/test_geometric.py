@@ -3,8 +3,8 @@ import pytest
 
 from schemas.config import FlowConfig
 from schemas.errors import InputError
-from stages.flow import estimate_flow
 from stages.flow.pair import mutual_matches
+from stages.flow.stage import estimate_flow
 
 CONFIG = FlowConfig.model_validate({"geometric": {"points": 400, "nodes": 80, "iterations": 6}})
 RNG = np.random.default_rng(0)

@@ -12,8 +12,8 @@ import pytest
 
 from schemas.config import IngestConfig
 from schemas.errors import InputError
-from stages.ingest import ingest
 from stages.ingest.sources import FileSource, RoboartSource, file_source, list_sources
+from stages.ingest.stage import ingest
 
 CONFIG = IngestConfig()
 

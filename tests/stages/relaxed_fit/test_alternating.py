@@ -7,7 +7,6 @@ from sklearn.metrics import adjusted_rand_score
 from schemas.config import AlternatingConfig, RelaxedFitConfig
 from stages.kernels.alignment.registration import Registration
 from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
-from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.alternating import (
     Parts,
     Problem,
@@ -18,6 +17,7 @@ from stages.relaxed_fit.alternating import (
     relabel,
     split,
 )
+from stages.relaxed_fit.stage import fit_relaxed
 
 SETTINGS = AlternatingConfig(points=400, start_parts=6, rounds=4, closing_rounds=2, patches=20, patch_points=30)
 CONFIG = RelaxedFitConfig(solver="alternating", alternating=SETTINGS)

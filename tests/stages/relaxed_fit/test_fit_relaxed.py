@@ -5,7 +5,7 @@ import pytest
 
 from schemas.config import RelaxedFitConfig
 from schemas.relaxed import RelaxedModel
-from stages.relaxed_fit import SOLVERS, fit_relaxed
+from stages.relaxed_fit.stage import SOLVERS, fit_relaxed
 
 
 def model(**changes):

@@ -6,8 +6,8 @@ from sklearn.metrics import adjusted_rand_score
 from schemas.config import RelaxedFitConfig
 from schemas.relaxed import RelaxedModel
 from stages.flow.trajectories import follow_flow
-from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.gumbel import _cosine, _straight_through_labels
+from stages.relaxed_fit.stage import fit_relaxed
 from stages.relaxed_fit.start import start_from_flow
 
 

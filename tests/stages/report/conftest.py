@@ -21,7 +21,7 @@ from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result
 from schemas.robot import Robot
 from schemas.sequence import JointType, PointSequence
-from stages.export import describe
+from stages.export.stage import describe
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SWITCHES = (

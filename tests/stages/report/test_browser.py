@@ -6,7 +6,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from stages.report import measure, report_page
+from stages.report.stage import measure, report_page
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ from matplotlib.image import imread
 
 from schemas.config import ExportConfig
 from schemas.sequence import IngestedSequence
-from stages.export import describe
-from stages.report import measure
+from stages.export.stage import describe
 from stages.report.figure import draw
 from stages.report.scene import part_meshes, scene_data
+from stages.report.stage import measure
 from stages.support.pictures import picture_bytes
 
 

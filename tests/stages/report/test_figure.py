@@ -3,11 +3,11 @@ import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
-from stages.final_fit import fit_final
+from stages.final_fit.stage import fit_final
 from stages.kernels.labelling.colours import distinct_colours
-from stages.projection import link_parts
+from stages.projection.stage import link_parts
 from stages.report.figure import AXIS_COLOUR, draw
-from stages.result import to_result
+from stages.result.stage import to_result
 
 
 @pytest.fixture

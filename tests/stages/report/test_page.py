@@ -8,9 +8,10 @@ import pytest
 
 from schemas.metrics import JointMetrics
 from schemas.sequence import IngestedSequence
-from stages.report import measure, report_files, report_page, scene
+from stages.report import scene
 from stages.report.drawings import heat_svg, tree_svg
 from stages.report.scene import Scale, part_meshes
+from stages.report.stage import measure, report_files, report_page
 
 VOID = {"meta", "link", "input", "br", "img"}
 

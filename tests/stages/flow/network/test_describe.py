@@ -2,9 +2,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from schemas.config import FlowConfig
-from stages.flow import estimate_flow
 from stages.flow.match import Described, match_features
 from stages.flow.network.describe import describe
+from stages.flow.stage import estimate_flow
 
 
 def lamp(rng, turn):

@@ -1,0 +1,1 @@
+"""What people and other programs read of artifacts: models, evaluations, pages, the status of a data set."""

@@ -1,0 +1,134 @@
+"""What a command wrote into a folder of the user's: `delivered.json` holds the digest of every file.
+
+So damage is found later, and only what is ours and unchanged is ever removed again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+from pydantic import ValidationError
+
+from pipeline.store.files import alone_in, check_own_folder, write_atomically, write_files
+from schemas.artifact import Schema
+from schemas.errors import InputError
+from schemas.seal import BLANK, intact, sealed, sha256
+
+RECORD = "delivered.json"
+MESHES = "meshes"
+DESCRIPTIONS = ("robot.urdf", "robot.xml")
+
+
+class Delivery(Schema):
+    """delivered.json: digests of files by their paths relative to its folder."""
+
+    format: Literal["rearticulate/delivery"] = "rearticulate/delivery"
+    version: Literal[1] = 1
+    json_sha256: str = BLANK
+    files: dict[str, str]
+
+
+def deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str] = ()) -> None:
+    """Write files by their relative paths, each whole or not at all, and note their digests.
+
+    The first comes last: once it is there, so is all that it needs; the second, its arrays, right before it. What an
+    earlier delivery wrote is removed where it is a mesh that no description in the folder names any more, or
+    `obsolete`, unless it was changed since. One delivery at a time goes into a folder. Raises InputError as
+    `check_target` does.
+    """
+    with alone_in(folder):
+        check_target(folder)
+        _deliver(folder, files, obsolete)
+
+
+def _deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str]) -> None:
+    earlier = _recorded(folder)
+    digests = earlier | {name: sha256(content) for name, content in files.items()}
+    names = list(files)
+    write_files(folder, {name: files[name] for name in names[2:]})
+    _record(folder, digests)
+    write_files(folder, {name: files[name] for name in names[:2]})
+    if unneeded := _unneeded(folder, earlier.keys() - files.keys(), obsolete):
+        for name in unneeded:
+            if _digest(folder / name) == earlier[name]:
+                (folder / name).unlink()
+        _record(folder, {name: digest for name, digest in digests.items() if name not in unneeded})
+
+
+def check_target(folder: Path) -> None:
+    """Raises InputError where a delivery would not go into this very folder, and where its record is damaged."""
+    check_own_folder(folder / MESHES)
+    for name in (RECORD, *DESCRIPTIONS, "model.json", "model.npz", "report.html", "metrics.json"):
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name}: found a folder, expected a file; remove it, or name another folder")
+    _recorded(folder)
+
+
+def check_delivery(folder: Path) -> list[str]:
+    """What is wrong with the files that were delivered into a folder, one line each; nothing where all are whole.
+
+    Raises InputError where there is no record of them, or a damaged one.
+    """
+    digests = _read(folder / RECORD)
+    problems = []
+    for name, digest in sorted(digests.items()):
+        try:
+            if not (folder / name).is_file():
+                problems.append(f"{name}: missing")
+            elif sha256((folder / name).read_bytes()) != digest:
+                problems.append(f"{name}: its bytes were changed (its digest differs)")
+        except OSError as error:
+            problems.append(f"{name}: cannot be read ({error.strerror})")
+    return problems
+
+
+def _unneeded(folder: Path, names: Iterable[str], obsolete: Iterable[str]) -> list[str]:
+    """Those of some delivered files that are obsolete, or meshes that no description names."""
+    named = b"".join((folder / name).read_bytes() for name in DESCRIPTIONS if (folder / name).is_file())
+    return [
+        name
+        for name in sorted(names)
+        if name in obsolete or (name.startswith(f"{MESHES}/") and name.encode() not in named)
+    ]
+
+
+def _digest(path: Path) -> str | None:
+    """The digest of a file; None where there is none, or a link."""
+    return sha256(path.read_bytes()) if path.is_file() and not path.is_symlink() else None
+
+
+def _recorded(folder: Path) -> dict[str, str]:
+    """The digests of what was delivered before; none where nothing was. Raises InputError for a damaged record."""
+    record = folder / RECORD
+    return _read(record) if record.is_file() and not record.is_symlink() else {}
+
+
+def _record(folder: Path, digests: Mapping[str, str]) -> None:
+    record = Delivery(files=dict(sorted(digests.items())))
+    write_atomically(folder / RECORD, sealed(json.dumps(record.model_dump(), indent=1).encode() + b"\n"))
+
+
+def _read(path: Path) -> dict[str, str]:
+    """The digests of a record. Raises InputError where there is none, and for a damaged one."""
+    remedy = "remove it, and give the command that filled this folder again"
+    try:
+        content = path.read_bytes()
+        record = Delivery.model_validate_json(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
+    except ValidationError as error:
+        raise InputError(f"{path}: found no record of delivered files; {remedy}") from error
+    if not intact(content, record.json_sha256):
+        raise InputError(f"{path}: its bytes were changed (its digest differs); {remedy}")
+    if strange := [name for name in record.files if not _lies_below(name)]:
+        raise InputError(f"{path}: found the name {strange[0][:80]!r}, expected paths in this folder; {remedy}")
+    return record.files
+
+
+def _lies_below(name: str) -> bool:
+    """Whether a name is that of a file in the folder, or in its folder of meshes."""
+    parts = PurePosixPath(name).parts
+    return name.isprintable() and parts[-1:] != ("..",) and (len(parts) == 1 or parts[:-1] == (MESHES,))

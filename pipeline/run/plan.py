@@ -1,0 +1,101 @@
+"""From a request to jobs: which sequences there are, and what a rerun replaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.run.failures import one_line
+from pipeline.run.protocol import Event, Report, Request, ignore
+from pipeline.run.task import Job, StageTask, upstream_first
+from pipeline.run.tasks import STAGES, final_tasks
+from pipeline.store.artifacts import ArtifactError, completed_at
+from schemas.errors import InputError, UnavailableError
+from stages.ingest.sources import DescribedSource, RoboartSource, Source, file_source, list_sources
+from stages.ingest.truth import truth_files
+
+
+def plan(request: Request, report: Report = ignore) -> list[Job]:
+    """A job for each requested sequence; one whose input cannot be read is reported as failed and left out.
+
+    What this machine does not have fails only where it was asked for by name; else a warning tells how to get
+    it. Raises InputError where the request itself cannot be met: unknown sequences or stages, no data.
+    """
+    if request.rerun is not None and request.rerun not in STAGES:
+        raise InputError(f"stage: found {request.rerun!r}, expected one of {', '.join(STAGES)}")
+    jobs = []
+    for source in _sources(request):
+        try:
+            jobs.append(_job(source, request, report))
+        except (InputError, ArtifactError, OSError) as error:
+            optional = isinstance(error, UnavailableError) and request.sequences is None
+            report(
+                Event(
+                    kind="warning" if optional else "failed",
+                    sequence=source.name,
+                    task="ingest",
+                    message=one_line(error),
+                    bad_input=isinstance(error, InputError) and not optional,
+                )
+            )
+    return jobs
+
+
+def _job(source: Source, request: Request, report: Report) -> Job:
+    job = Job(request.dataset, source, source.digest(), request.config, request.workdir, report)
+    if request.rerun is not None:
+        job.replaces.update(_completion_times(downstream_of(request.rerun, final_tasks(job))))
+    return job
+
+
+def origin_of(source: Source) -> dict[str, str]:
+    """What a sequence shows, where that has a name; of RoboArt's robots the type and the split, too."""
+    match source:
+        case RoboartSource(thing=robot):
+            from stages.ingest.roboart import robot_kind, robot_split
+
+            return {"robot": robot, "type": robot_kind(robot), "split": robot_split(robot)}
+        case DescribedSource(thing=thing):
+            return {"robot": thing}
+        case _:
+            return {}
+
+
+def downstream_of(stage: str, tasks: Sequence[StageTask]) -> list[StageTask]:
+    """The tasks of a stage and all that read, directly or not, what they write."""
+    affected: list[StageTask] = []
+    for task in upstream_first(tasks):
+        if task.stage == stage or any(needed in affected for needed in task.requires().values()):
+            affected.append(task)
+    return affected
+
+
+def _sources(request: Request) -> list[Source]:
+    if request.frames is not None:
+        source = file_source(request.frames)
+        return [source if request.truth is None else replace(source, truth_path=_truth_file(request.truth))]
+    sources = {source.name: source for source in list_sources(request.config.ingest, request.data)}
+    wanted = request.sequences if request.sequences is not None else tuple(sources)
+    unknown = [name for name in wanted if name not in sources]
+    if unknown:
+        raise InputError(
+            f"sequences: found {', '.join(unknown)}, expected some of {', '.join(sources)}; check the spelling"
+        )
+    return [sources[name] for name in dict.fromkeys(wanted)]
+
+
+def _truth_file(truth: Path) -> Path:
+    """The ground truth in a folder, or the path as it is. Raises InputError where there is none."""
+    inside = truth / "ground_truth.npz"
+    found = inside if inside.is_file() else truth
+    if not truth_files(found):
+        raise InputError(
+            f"--truth {truth}: found no ground truth, expected a folder with ground_truth.npz; check the path"
+        )
+    return found
+
+
+def _completion_times(tasks: Sequence[StageTask]) -> dict[Path, int]:
+    times = {task.directory: completed_at(task.directory) for task in tasks}
+    return {directory: time for directory, time in times.items() if time is not None}
