@@ -12,6 +12,7 @@ from rich.console import Console
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     JsonOption,
     PresetOption,
     SeedOption,
@@ -19,8 +20,8 @@ from pipeline.cli.options import (
     SetOption,
     WorkdirOption,
     dataset_config,
+    names,
     screen,
-    sequence_names,
     writable_folder,
 )
 from pipeline.cli.run import show
@@ -39,6 +40,7 @@ def evaluate(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     settings: SetOption,
     out: Annotated[
         Path | None, typer.Option(help="Where the files go.", show_default="WORKDIR/DATASET/evaluation")
@@ -68,9 +70,9 @@ def evaluate(
     request = Request(
         dataset=dataset,
         workdir=workdir,
-        config=dataset_config(dataset, preset, settings, seed),
+        config=dataset_config(dataset, preset, settings, seed, joints),
         data=data,
-        sequences=sequence_names(sequences),
+        sequences=names(sequences),
     )
     scores = gather(request, split)
     comparison = None if earlier is None else compare(earlier, scores, str(against))
@@ -92,13 +94,13 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
     """What got better or worse, what was set otherwise, and what is not in both."""
     for table in comparison_tables(comparison):
         console.print(screen_table(table))
-    for words, names in (
+    for words, listed in (
         ("settings that differ", comparison.settings),
         ("only before", comparison.only_before),
         ("only now", comparison.only_after),
     ):
-        if names:
-            console.print(f"{words}: {', '.join(names)}", soft_wrap=True, markup=False)
+        if listed:
+            console.print(f"{words}: {', '.join(listed)}", soft_wrap=True, markup=False)
 
 
 def name_missing(missing: tuple[MissingScore, ...]) -> None:

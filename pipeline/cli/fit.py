@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from pipeline.cli.options import (
+    JointsOption,
     PresetOption,
     SeedOption,
     SetOption,
@@ -45,6 +46,7 @@ def fit(
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
@@ -57,7 +59,7 @@ def fit(
     - `reart fit lamp.npz --out models/lamp --set final_fit.part_price=20`
     """
     options = {"--units": ("ingest.units", units)}
-    config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, options)
+    config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, joints, options)
     request = Request(
         dataset=DATASET,
         workdir=writable_folder(out, "--out") / "workdir",

@@ -21,6 +21,7 @@ from pipeline.run.protocol import Request
 from pipeline.store import artifacts
 from schemas.config import PipelineConfig
 from schemas.errors import InputError
+from schemas.joints import JOINT_KINDS
 
 
 def cores() -> int:
@@ -51,6 +52,14 @@ SetOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="The same seed and input give the same model; default 0.")]
+JointsOption = Annotated[
+    str | None,
+    typer.Option(
+        help=f"The kinds of joints that a model may have, of {', '.join(JOINT_KINDS)}; "
+        "spherical ones suit people, animals and ball-jointed things.",
+        show_default="revolute,prismatic",
+    ),
+]
 WorkersOption = Annotated[
     int, typer.Option(default_factory=cores, min=1, help="Stages computed at a time.", show_default="the cores")
 ]
@@ -74,6 +83,7 @@ def dataset_config(
     preset: str | None,
     settings: list[str],
     seed: int | None,
+    joints: str | None,
     options: Mapping[str, tuple[str, Any]] | None = None,
 ) -> PipelineConfig:
     """The configuration for a data set; further `options` as in `load_config`. Raises InputError."""
@@ -81,12 +91,13 @@ def dataset_config(
         raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
     source = dataset.partition("-")[0]
     presets = dict.fromkeys(name for name in (source, dataset, preset) if name is not None)
-    return load_config(list(presets), settings, {"--seed": ("seed", seed), **(options or {})})
+    shared = {"--seed": ("seed", seed), "--joints": ("projection.joints", names(joints))}
+    return load_config(list(presets), settings, shared | dict(options or {}))
 
 
-def sequence_names(sequences: str | None) -> tuple[str, ...] | None:
-    """The names in `a,b`; None for all."""
-    return None if sequences is None else tuple(name.strip() for name in sequences.split(",") if name.strip())
+def names(listed: str | None) -> tuple[str, ...] | None:
+    """The names in `a,b`; None where there is no list."""
+    return None if listed is None else tuple(name.strip() for name in listed.split(",") if name.strip())
 
 
 @contextmanager

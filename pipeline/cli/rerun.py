@@ -10,6 +10,7 @@ import typer
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     PresetOption,
     SeedOption,
     SetOption,
@@ -31,6 +32,7 @@ def rerun(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
@@ -43,7 +45,7 @@ def rerun(
     request = Request(
         dataset=dataset,
         workdir=writable_folder(workdir, "--workdir"),
-        config=dataset_config(dataset, preset, settings, seed),
+        config=dataset_config(dataset, preset, settings, seed, joints),
         data=data,
         sequences=(sequence,),
         workers=workers,

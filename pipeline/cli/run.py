@@ -11,6 +11,7 @@ from rich.console import Console
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     PresetOption,
     SeedOption,
     SequencesOption,
@@ -20,8 +21,8 @@ from pipeline.cli.options import (
     dataset_config,
     follow,
     name_failures,
+    names,
     screen,
-    sequence_names,
     writable_folder,
 )
 from pipeline.cli.tables import screen_table
@@ -43,6 +44,7 @@ def run(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
@@ -59,9 +61,9 @@ def run(
     request = Request(
         dataset=dataset,
         workdir=writable_folder(workdir, "--workdir"),
-        config=dataset_config(dataset, preset, settings, seed),
+        config=dataset_config(dataset, preset, settings, seed, joints),
         data=data,
-        sequences=sequence_names(sequences),
+        sequences=names(sequences),
         workers=workers,
     )
     finish(request, write=True)

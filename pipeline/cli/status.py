@@ -14,6 +14,7 @@ from rich.table import Table
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     JsonOption,
     PresetOption,
     SeedOption,
@@ -37,6 +38,7 @@ def status(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     settings: SetOption,
     check: Annotated[bool, typer.Option("--check", help="Read every artifact whole, not only its manifest.")] = False,
     as_json: JsonOption = False,
@@ -54,7 +56,7 @@ def status(
     from pipeline.results.status import collect
 
     request = Request(
-        dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed), data=data
+        dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed, joints), data=data
     )
     tasks = collect(request, check)
     if as_json:

@@ -194,5 +194,5 @@ def world(model, data):
 
 
 def test_an_unknown_kind_is_named_with_those_that_there_are():
-    with pytest.raises(ValueError, match="found the joint kind 'ball', expected one of revolute, prismatic, spherical"):
+    with pytest.raises(ValueError, match="expected a kind of joint, one of revolute, prismatic, spherical"):
         ProjectionConfig(joints=("revolute", "ball"))
