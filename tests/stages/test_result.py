@@ -7,13 +7,13 @@ import zipfile
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial.transform import Rotation
 
+from schemas.joints import JOINT_KINDS
 from schemas.kinematic import KinematicModel
 from schemas.model_file import ModelFile
 from schemas.sequence import PointSequence
-from stages.kernels.kinematics.forward_kinematics import forward_kinematics
+from stages.kernels.kinematics.chain import Chain, Joint
 from stages.result import result_files, to_result
 
 FRAMES, CANONICAL, POINTS = 6, 2, 40
@@ -45,26 +45,18 @@ def model(types: tuple[str, ...] = TYPES) -> KinematicModel:
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     point = rng.uniform(-0.3, 0.3, (3, 3))
     point -= axis * (axis * point).sum(1, keepdims=True)
-    states = np.zeros((3, FRAMES, 2))
-    for joint, column in enumerate((0, 1, 0)):
-        states[joint, :, column] = rng.uniform(-1, 1, FRAMES)
-    states[:, CANONICAL] = 0
+    states = rng.uniform(-1, 1, (3, FRAMES)).T
+    states[CANONICAL] = 0
     T_frame_root = np.tile(np.eye(4), (FRAMES, 1, 1))
     T_frame_root[:, :3, :3] = Rotation.from_rotvec(np.linspace(-0.4, 0.6, FRAMES)[:, None] * [0, 1, 0]).as_matrix()
     T_frame_root[:, :3, 3] = np.linspace(-0.4, 0.6, FRAMES)[:, None] * [0.1, 0, 0.2]
-    Ts = forward_kinematics(
-        torch.from_numpy(T_frame_root),
-        list(zip(PARENT.tolist(), CHILD.tolist(), strict=True)),
-        torch.from_numpy(axis),
-        torch.from_numpy(point),
-        torch.from_numpy(states),
-        root=2,
-    )
+    joints = [Joint(JOINT_KINDS[TYPES[j]], PARENT[j], CHILD[j], axis[j], point[j], states[:, [j]]) for j in range(3)]
+    Ts = Chain.of(joints, 2, T_frame_root, free_root=True).Ts
     return KinematicModel(
         canonical_frame=CANONICAL,
         root=2,
         labels=np.arange(POINTS + CANONICAL) % 4,
-        Ts_frame_canonical=Ts.numpy(),
+        Ts_frame_canonical=Ts,
         joint_parent=PARENT,
         joint_child=CHILD,
         joint_types=types,
@@ -151,14 +143,14 @@ def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
     fitted, observed = model(), sequence()
     description, _ = loaded(result_files(to_result(fitted, observed)))
     assert [joint["name"] for joint in description["joints"]] == ["joint_2_0", "joint_2_1", "joint_0_3"]
-    for joint, (kind, column, unit) in enumerate(
-        [("revolute", 0, 1.0), ("prismatic", 1, observed.scale), ("revolute", 0, 1.0)]
+    for joint, (kind, unit) in enumerate(
+        [("revolute", 1.0), ("prismatic", observed.scale), ("revolute", 1.0)]
     ):
         found = description["joints"][joint]
         assert set(found) == {"id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "states"}
         assert (found["id"], found["parent"], found["child"]) == (joint, PARENT[joint], CHILD[joint])
         assert found["type"] == kind
-        assert found["states"] == (fitted.states[joint, :, column] * unit).tolist()
+        assert found["states"] == (fitted.states[:, joint] * unit).tolist()
         assert (found["lower"], found["upper"]) == (min(found["states"]), max(found["states"]))
         assert found["axis"] == fitted.axis[joint].tolist()
         offset = observed.to_input(fitted.point[joint]) - found["point"]
