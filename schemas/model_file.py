@@ -12,7 +12,7 @@ from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
-from schemas.joints import JOINT_KINDS, JointKind, JointType, parents_first
+from schemas.joints import JOINT_KINDS, JointKind, JointType, is_tree, parents_first
 from schemas.seal import sha256
 from schemas.sequence import LengthUnit
 
@@ -153,8 +153,8 @@ class ModelFile(Schema):
                 yield f"{kind}: found the name {twice[0][:80]!r} twice or empty, expected one for each"
             if strange := [name for name in names if not name.isprintable()]:
                 yield f"{kind}: found the name {strange[0][:80]!r}, expected printable characters only"
-        children = [joint.child for joint in self.joints]
-        if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
+        parent, child = [joint.parent for joint in self.joints], [joint.child for joint in self.joints]
+        if len(child) + 1 != len(parts) or not is_tree(parent, child, self.root):
             yield (
                 f"joints: found a cycle, or parts that do not hang on the root by one joint each, "
                 f"expected a tree over {len(parts)} parts with root {self.root}"
