@@ -39,7 +39,7 @@ def sequence() -> PointSequence:
     )
 
 
-def model(types: tuple[str, ...] = TYPES) -> KinematicModel:
+def model() -> KinematicModel:
     rng = np.random.default_rng(1)
     axis = rng.normal(size=(3, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
@@ -59,7 +59,7 @@ def model(types: tuple[str, ...] = TYPES) -> KinematicModel:
         Ts_frame_canonical=Ts,
         joint_parent=PARENT,
         joint_child=CHILD,
-        joint_types=types,
+        joint_types=TYPES,
         axis=axis,
         point=point,
         states=states,
@@ -181,5 +181,18 @@ def test_files_are_the_same_bytes_whenever_written() -> None:
 
 
 def test_screw_joints_are_refused() -> None:
+    states = np.insert(model().states, 1, 0.0, axis=1)
+    undecided = model().replace(joint_types=("revolute", "screw", "revolute"), states=states)
     with pytest.raises(ValueError, match=r"joints \[1\] are screws"):
-        to_result(model(("revolute", "screw", "revolute")), sequence())
+        to_result(undecided, sequence())
+
+
+def test_a_ball_joint_has_rotation_vectors_and_limits_of_their_length() -> None:
+    turns = np.random.default_rng(2).normal(scale=0.5, size=(FRAMES, 3))
+    turns[CANONICAL] = 0
+    states = np.concatenate([model().states[:, :1], turns, model().states[:, 2:]], axis=1)
+    fitted = model().replace(joint_types=("revolute", "spherical", "revolute"), states=states)
+    ball = to_result(fitted, sequence()).model.joints[1]
+    assert (ball.type, ball.states) == ("spherical", tuple(map(tuple, turns.tolist())))
+    assert (ball.lower, ball.upper) == (0.0, pytest.approx(np.linalg.norm(turns, axis=1).max()))
+    np.testing.assert_allclose(ball.point, sequence().to_input(fitted.point[1]))  # and not moved along the axis

@@ -67,12 +67,13 @@ def test_the_motion_of_each_joint_is_along_its_axis_or_any_way():
     np.testing.assert_allclose(motions, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("links", [[(0, 1), (2, 3), (3, 2)], [(0, 1), (1, 2), (3, 3)]])
+@pytest.mark.parametrize(
+    "links", [[(0, 1), (2, 3), (3, 2)], [(0, 1), (1, 2), (3, 3)], [(0, 1), (0, 1), (1, 2)], [(1, 2), (2, 3), (3, 1)], [(0, 1), (1, 2), (-1, 3)]]
+)
 def test_joints_that_do_not_hang_on_the_root_are_refused(links):
     parent, child = np.array(links).T
-    loop = KinematicTree((REVOLUTE,) * 3, parent, child, np.tile(AXIS, (3, 1)), np.zeros((3, 3)), root=0)
     with pytest.raises(ValueError, match="do not hang on the root 0"):
-        loop.Ts_pose_canonical(np.zeros((1, 3)))
+        KinematicTree((REVOLUTE,) * 3, parent, child, np.tile(AXIS, (3, 1)), np.zeros((3, 3)), root=0)
 
 
 def test_one_part_has_no_joints_but_may_move():
