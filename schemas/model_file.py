@@ -31,6 +31,11 @@ Numbers = float | tuple[float, ...]
 """A number for each degree of freedom of a joint; a plain one where there is one only."""
 
 
+def are(numbers: Numbers, count: int) -> bool:
+    """Whether there are so many numbers: a plain one, or several in a tuple."""
+    return isinstance(numbers, tuple) == (count != 1) and np.size(numbers) == count
+
+
 class ModelPart(Schema):
     id: int
     name: str
@@ -92,10 +97,10 @@ class ModelJoint(Schema):
     @model_validator(mode="after")
     def _check_values(self) -> Self:
         expected = self.kind.size
-        if any(np.size(state) != expected for state in self.states):
+        if not all(are(state, expected) for state in self.states):
             raise ValueError(f"joint {self.name}: states: expected {expected} numbers each, since it is {self.type}")
         limits = 1 if self.kind.is_ball else expected
-        if len(self.lowers) != limits or len(self.uppers) != limits:
+        if not are(self.lower, limits) or not are(self.upper, limits):
             raise ValueError(f"joint {self.name}: limits: expected {limits} numbers each, since it is {self.type}")
         if not all(np.isfinite(state).all() for state in self.states):
             raise ValueError(f"joint {self.name}: states: found NaN or infinity, expected finite values")
