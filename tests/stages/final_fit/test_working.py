@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 
 from schemas.config import ProjectionConfig
-from schemas.joints import PRISMATIC, REVOLUTE
+from schemas.joints import PRISMATIC, REVOLUTE, SPHERICAL
 from stages.final_fit.working import Fit, joint_fits, relative_motions, to_chain, to_model, working_frames
-from stages.kernels.kinematics.chain import Chain
+from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.projection import link_parts
+from stages.rearticulation.mechanism import chain_of
 
 
 def model_of(truth, scale=1.0, Ts=None):
@@ -82,6 +83,18 @@ def test_a_chain_becomes_the_model_it_came_from(two_part_object):
     np.testing.assert_array_equal(back.states, chain.states)
     assert back.joint_types == (truth.kind.name,)
     np.testing.assert_allclose((back.axis * back.point).sum(axis=1), 0, atol=1e-12)
+
+
+def test_a_ball_joints_centre_stays_where_it_is_in_the_model(hinge):
+    model, frames = model_of(hinge), frames_of(hinge, points=150)
+    turns, centre = np.zeros((5, 3)), np.array([0.1, 0.2, 0.3])
+    turns[[0, 1, 3, 4]] = np.random.default_rng(0).normal(scale=0.3, size=(4, 3))
+    ball = Joint(SPHERICAL, 0, 1, np.array([0.0, 1.0, 0.0]), centre, turns)
+    chain = Chain.of([ball], 0, np.tile(np.eye(4), (5, 1, 1)), free_root=False)
+    back = to_model(model, Fit(chain, model.labels[frames.index]), frames)
+    assert back.joint_types == ("spherical",)
+    np.testing.assert_array_equal(back.point, [centre])
+    np.testing.assert_allclose(chain_of(back, free_root=False).Ts, back.Ts_frame_canonical, atol=1e-12)
 
 
 def test_refining_lowers_the_misfit_and_keeps_labels(two_parts):
