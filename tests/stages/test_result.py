@@ -143,9 +143,7 @@ def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
     fitted, observed = model(), sequence()
     description, _ = loaded(result_files(to_result(fitted, observed)))
     assert [joint["name"] for joint in description["joints"]] == ["joint_2_0", "joint_2_1", "joint_0_3"]
-    for joint, (kind, unit) in enumerate(
-        [("revolute", 1.0), ("prismatic", observed.scale), ("revolute", 1.0)]
-    ):
+    for joint, (kind, unit) in enumerate([("revolute", 1.0), ("prismatic", observed.scale), ("revolute", 1.0)]):
         found = description["joints"][joint]
         assert set(found) == {"id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "states"}
         assert (found["id"], found["parent"], found["child"]) == (joint, PARENT[joint], CHILD[joint])

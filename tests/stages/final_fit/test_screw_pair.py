@@ -38,9 +38,9 @@ def test_the_residual_is_what_the_pair_leaves():
     twists[CANONICAL] = 0
     Ts = joint_transforms(np.zeros(3), twists)  # a ball joint
     pair = fit_screw_pair(Ts, BODY, np.zeros(3), CANONICAL, NOISE)
-    fitted = screw(pair.axis[0], pair.point[0], pair.states[:, 0]) @ screw(pair.axis[1], pair.point[1], pair.states[:, 1])
+    first, second = (screw(pair.axis[k], pair.point[k], pair.states[:, k]) for k in (0, 1))
     p = np.concatenate([BODY, np.ones((60, 1))], axis=1)
-    left = np.einsum("tij,nj->tni", (fitted - Ts)[:, :3], p)
+    left = np.einsum("tij,nj->tni", (first @ second - Ts)[:, :3], p)
     assert pair.residual == pytest.approx(np.sqrt((left**2).sum(axis=-1).mean()))
     assert pair.residual > 0.5 * NOISE
 

@@ -158,7 +158,9 @@ def test_joints_taken_apart_and_put_together_make_the_same_chain(free_root):
 
 def test_each_joint_has_its_own_states_and_a_root_that_is_not_free_stands_still():
     states = [np.arange(15.0).reshape(FRAMES, 3) / 10, np.arange(5.0)[:, None]]
-    joints = [Joint(kind, k, k + 1, np.eye(3)[k], np.eye(3)[k], states[k]) for k, kind in enumerate((SPHERICAL, REVOLUTE))]
+    joints = [
+        Joint(kind, k, k + 1, np.eye(3)[k], np.eye(3)[k], states[k]) for k, kind in enumerate((SPHERICAL, REVOLUTE))
+    ]
     T_frame_root = joint_transforms(np.zeros(3), np.random.default_rng(0).normal(size=(FRAMES, 6)))
     still, free = (Chain.of(joints, 0, T_frame_root, free_root) for free_root in (False, True))
     for chain in (still, free):

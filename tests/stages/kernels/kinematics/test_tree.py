@@ -68,7 +68,14 @@ def test_the_motion_of_each_joint_is_along_its_axis_or_any_way():
 
 
 @pytest.mark.parametrize(
-    "links", [[(0, 1), (2, 3), (3, 2)], [(0, 1), (1, 2), (3, 3)], [(0, 1), (0, 1), (1, 2)], [(1, 2), (2, 3), (3, 1)], [(0, 1), (1, 2), (-1, 3)]]
+    "links",
+    [
+        [(0, 1), (2, 3), (3, 2)],
+        [(0, 1), (1, 2), (3, 3)],
+        [(0, 1), (0, 1), (1, 2)],
+        [(1, 2), (2, 3), (3, 1)],
+        [(0, 1), (1, 2), (-1, 3)],
+    ],
 )
 def test_joints_that_do_not_hang_on_the_root_are_refused(links):
     parent, child = np.array(links).T
