@@ -71,8 +71,6 @@ def flow(matches: int = 4) -> Flow:
 
 def kinematic_model() -> KinematicModel:
     """Three parts in a chain: a hinge and a slider."""
-    states = np.zeros((2, FRAMES, 2))
-    states[0, :, 0] = states[1, :, 1] = [0.0, 0.1, -0.2]
     return KinematicModel(
         canonical_frame=1,
         root=0,
@@ -83,7 +81,7 @@ def kinematic_model() -> KinematicModel:
         joint_types=("revolute", "prismatic"),
         axis=np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
         point=np.zeros((2, 3)),
-        states=states,
+        states=np.array([[0.0, 0.0], [0.1, 0.1], [-0.2, -0.2]]),
         e_spatial=np.array([0.1, 0.2]),
         e_1dof=np.array([1e-300, 0.3]),
         energies={"E_project": 0.1 + 0.2, "E_group": float("inf")},
@@ -102,7 +100,7 @@ def single_part() -> KinematicModel:
         joint_types=(),
         axis=np.zeros((0, 3)),
         point=np.zeros((0, 3)),
-        states=np.zeros((0, FRAMES, 2)),
+        states=np.zeros((FRAMES, 0)),
         e_spatial=np.zeros(0),
         e_1dof=np.zeros(0),
         energies={},

@@ -94,9 +94,6 @@ def true_model(data: IngestedSequence) -> KinematicModel:
     axis = np.einsum("jab,jb->ja", T_canonical_first[:, :3, :3], AXIS)
     point = moved(T_canonical_first, np.arange(3), POINT)
     point -= axis * (axis * point).sum(1, keepdims=True)
-    states = np.zeros((3, FRAMES, 2))
-    for j, column in enumerate((0, 0, 1)):
-        states[j, :, column] = STATES[j] - STATES[j, CANONICAL]
     return KinematicModel(
         canonical_frame=CANONICAL,
         root=0,
@@ -107,7 +104,7 @@ def true_model(data: IngestedSequence) -> KinematicModel:
         joint_types=TYPES,
         axis=axis,
         point=point,
-        states=states,
+        states=(STATES - STATES[:, [CANONICAL]]).T,
         e_spatial=np.zeros(3),
         e_1dof=np.zeros(3),
         energies={},
@@ -154,11 +151,11 @@ def test_renumbered_parts_and_a_reversed_joint_change_no_joint_error() -> None:
     model = true_model(data)
     new = np.array([2, 0, 3, 1])
     states = model.states.copy()
-    states[1] *= -1  # about the opposite axis the same motion has the opposite angle
+    states[:, 1] *= -1  # about the opposite axis the same motion has the opposite angle
     axis = model.axis.copy()
     axis[1] *= -1
     # The upper arm as root: joint 0 now moves the body; the motion of parent against child is the inverse.
-    states[0] *= -1
+    states[:, 0] *= -1
     model = model.replace(
         labels=new[model.labels],
         Ts_frame_canonical=model.Ts_frame_canonical[:, np.argsort(new)],
@@ -246,9 +243,9 @@ def test_state_error_is_in_radians_or_percent_of_the_diagonal() -> None:
     data = ingested()
     model = true_model(data)
     states = model.states.copy()
-    states[0, 0, 0] += 0.1
-    states[1, 0, 0] += 2 * np.pi  # a whole turn more is the same pose
-    states[2, 4, 1] -= 0.02
+    states[0, 0] += 0.1
+    states[0, 1] += 2 * np.pi  # a whole turn more is the same pose
+    states[4, 2] -= 0.02
     metrics = measured(model.replace(states=states), data)
     assert [joint.state_error for joint in metrics.joints] == [
         pytest.approx(0.1 / FRAMES),
@@ -261,7 +258,7 @@ def test_a_wrong_joint_type_has_no_state_error_and_counts_against_the_accuracy()
     data = ingested()
     model = true_model(data)
     states = model.states.copy()
-    states[1] = 0
+    states[:, 1] = 0
     metrics = measured(model.replace(joint_types=("revolute", "prismatic", "prismatic"), states=states), data)
     assert metrics.joint_type_accuracy == pytest.approx(2 / 3)
     assert metrics.joints[1].state_error is None
@@ -310,7 +307,7 @@ def test_merged_parts_cost_recon_and_reanimation_and_lose_their_joint() -> None:
         joint_types=("revolute", "prismatic"),
         axis=model.axis[[0, 2]],
         point=model.point[[0, 2]],
-        states=model.states[[0, 2]],
+        states=model.states[:, [0, 2]],
         e_spatial=np.zeros(2),
         e_1dof=np.zeros(2),
     )

@@ -20,7 +20,7 @@ from schemas.config import ExportConfig
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result
 from schemas.robot import Robot
-from schemas.sequence import JointType, PointSequence
+from schemas.sequence import PointSequence
 from stages.export.stage import describe
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -211,7 +211,7 @@ def arm() -> Arm:
         Ts[t, 2] = Ts[t, 1] @ sliding
         Ts[t, 3] = base @ about(np.array(ball[t]), pivots[2])
     axes = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-    kinds: list[tuple[int, int, JointType, Any]] = [
+    kinds: list[tuple[int, int, str, Any]] = [
         (0, 1, "revolute", hinge),
         (1, 2, "prismatic", slide),
         (0, 3, "spherical", ball),
