@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -179,6 +179,23 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         pytest.skip(missing)
     with running_browser(tmp_path_factory.mktemp("browser")) as started:
         yield started
+
+
+@pytest.fixture(params=["node", "chromium"])
+def run_script(request: pytest.FixtureRequest) -> Callable[[str], Any]:
+    """Runs the body of a JavaScript function, and gives what it returns."""
+    if request.param == "chromium":
+        browser = request.getfixturevalue("browser")
+        return lambda body: browser.evaluate(f"(() => {{{body}}})()")
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node on this machine; Chromium runs the same script")
+
+    def run(body: str) -> Any:
+        script = f"process.stdout.write(JSON.stringify((() => {{{body}}})()))"
+        return json.loads(subprocess.run([node, "-"], input=script.encode(), capture_output=True, check=True).stdout)
+
+    return run
 
 
 Arm = tuple[Result, PointSequence, Robot, Metrics, np.ndarray]
