@@ -15,6 +15,7 @@ from stages.kernels.rigid_motion import move_points
 from stages.kernels.sampling import thinned
 from stages.kernels.tree_layout import tree_layout
 from stages.pictures import Axes, Axes3D, Figure, Line3DCollection, colormaps
+from stages.true_motion import true_positions
 
 AXIS_LENGTH = 0.24  # half length of a drawn joint axis, as a share of half the longest side
 AXIS_COLOUR = "#d11f2a"
@@ -105,8 +106,8 @@ def _true(
     sequence, canonical = ingested.sequence, result.model.canonical_frame
     labels_true = ingested.true_labels(canonical)
     assert labels_true is not None
-    Ts_frame_canonical = truth.Ts_frame_first @ np.linalg.inv(truth.Ts_frame_first[canonical])
-    p_canonical = sequence.frames()[canonical][chosen]
+    p_frames = true_positions(ingested, canonical)
+    assert p_frames is not None
     types = {(joint.parent, joint.child): JOINT_MARKS[joint.type] for joint in truth.joints}
     linked = [(int(parent), part) for part, parent in enumerate(truth.parent) if parent >= 0]
     roots = np.flatnonzero(truth.parent == -1)
@@ -119,7 +120,7 @@ def _true(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
         labels=labels_true[chosen],
-        p_frames=sequence.to_input(move_points(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
+        p_frames=sequence.to_input(p_frames[:, chosen]),
         root=int(roots[0]) if len(roots) == 1 else None,  # several: the source does not tell the tree
         links=[(parent, child, types.get((parent, child), "")) for parent, child in linked],
         axes=axes,
