@@ -70,7 +70,7 @@ class RoboartConfig(Settings):
 class HumansConfig(Settings):
     """The data set of moving people: how its sequences are sampled."""
 
-    frames: int = Field(default=12, ge=2, le=1000)
+    frames: int = Field(default=14, ge=2, le=1000)
     frames_per_second: float = Field(default=10.0, gt=0, le=1000)
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
     noise_percent: float = Field(

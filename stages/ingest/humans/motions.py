@@ -109,7 +109,7 @@ def _hop(motion: Motion, turns: Curve, style: Style) -> None:
     motion.add("belly", 12 * low)
     motion.add("chest", 8 * low)
     motion.add("head", -10 * low)
-    motion.lift += style.size * 0.2 * high
+    motion.lift += style.size * 0.15 * high
 
 
 def _punch(motion: Motion, turns: Curve, style: Style) -> None:
@@ -230,8 +230,8 @@ KINDS: dict[str, Callable[[Motion, Curve, Style], None]] = {
     "twist": _twist,
 }
 # seconds of one turn
-PERIODS = {"walk": 1.25, "hop": 0.95, "punch": 1.2, "kick": 1.3, "jack": 1.3, "march": 1.3}
-_USUAL_PERIOD = 1.5
+PERIODS = {"walk": 1.9, "hop": 1.5, "kick": 2.2, "jack": 2.2, "march": 1.7, "twist": 2.4}
+_USUAL_PERIOD = 1.6
 
 
 def move(kind: str, seconds: Curve, rng: np.random.Generator) -> Motion:

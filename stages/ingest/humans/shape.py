@@ -23,6 +23,7 @@ ORIGINS = ("african", "asian", "caucasian")
 # bodies are drawn from school age on, and not of the utmost build
 _AGE = (0.4, 1.0)
 _BUILD = (0.15, 0.85)
+_HEIGHT = (0.3, 0.6)  # nobody is beyond 2 m
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ class Shape:
         """A body of any gender, age and build."""
         gender = float(rng.integers(2)) * 0.8 + 0.2 * rng.random()
         age = float(rng.uniform(*_AGE))
-        muscle, weight, height, proportions = rng.uniform(*_BUILD, size=4).tolist()
+        muscle, weight, proportions = rng.uniform(*_BUILD, size=3).tolist()
+        height = float(rng.uniform(*_HEIGHT))
         african, asian, caucasian = rng.dirichlet(np.ones(3)).tolist()
         return cls(gender, age, muscle, weight, height, proportions, (african, asian, caucasian))
 
