@@ -23,7 +23,8 @@ from stages.ingest.tracks import normalise_surface, sample_frames, sample_vertic
 
 _log = logging.getLogger("rearticulate.ingest")
 
-_TORN = 10.0  # neighbours that come to lie so many times as far apart, in the middle, are none
+# neighbours are none where the middle pair lies so many times as far apart as in the first frame, and as any pair
+_TORN, _TORN_SHARE = 3.0, 0.3
 _CHECKED = 2000  # points whose neighbours are looked at
 _LEAST_SPACING = 1e-4  # of the diagonal, where points coincide
 
@@ -109,13 +110,23 @@ def _check_neighbours(vertices: Vertices, names: Sequence[str]) -> None:
         return
     index = np.unique(np.linspace(0, len(first) - 1, _CHECKED).astype(np.int64))
     near = KDTree(first).query(first[index], k=2)[1].astype(np.int64)
-    other = np.where(near[:, 0] == index, near[:, 1], near[:, 0])
-    apart = np.median(np.linalg.norm(vertices[:, index] - vertices[:, other], axis=-1), axis=1)
+    apart = _apart(vertices, index, np.where(near[:, 0] == index, near[:, 1], near[:, 0]))
+    anyhow = _apart(vertices, index, np.roll(index, len(index) // 2))
     usual = max(float(apart[0]), _LEAST_SPACING * float(np.linalg.norm(np.ptp(first, axis=0))))
-    torn = int(apart.argmax())
-    if apart[torn] > _TORN * usual:
+    torn = int((apart / np.maximum(anyhow, usual)).argmax())
+    if apart[torn] > max(_TORN * usual, _TORN_SHARE * anyhow[torn]):
         raise InputError(
             f"{names[torn]}: found neighbours of {names[0]} {apart[torn] / usual:.0f} times as far apart, expected the "
             "same surface point at the same place in every frame's order; register the frames, or give them as scans "
             "(without ingest.correspond)"
         )
+
+
+def _apart(
+    vertices: Vertices, index: Int64[np.ndarray, "pairs"], other: Int64[np.ndarray, "pairs"]
+) -> Float64[np.ndarray, "frames"]:
+    """The distance of the middle one of pairs, in every frame."""
+    distances: Float64[np.ndarray, "frames"] = np.median(
+        np.linalg.norm(vertices[:, index] - vertices[:, other], axis=-1), axis=1
+    )
+    return distances

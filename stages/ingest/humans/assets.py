@@ -112,7 +112,10 @@ def _read(path: Path, parse: Callable[[Path], T]) -> T:
 
 def _parse_offsets(path: Path) -> Float64[np.ndarray, "rows 4"]:
     """A vertex and its offset a row; of the reference shape there is none."""
-    return np.array(gzip.decompress(path.read_bytes()).split(), dtype=np.float64).reshape(-1, 4)
+    content = path.read_bytes()
+    if not content:
+        raise ValueError("it is empty")
+    return np.array(gzip.decompress(content).split(), dtype=np.float64).reshape(-1, 4)
 
 
 def _parse_json(path: Path) -> Any:
