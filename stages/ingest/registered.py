@@ -11,7 +11,6 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.corresponding import chosen_frames, sampled_sequence
 from stages.ingest.formats.dfaust import SUFFIXES, frame_count, read_registrations, sequence_digest, sequence_names
 from stages.ingest.listing import is_folder, safe_name, visible_files
 
@@ -30,6 +29,8 @@ class RegisteredSource:
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The chosen frames, sampled anew, as a normalised sequence with its true surface."""
+        from stages.ingest.corresponding import chosen_frames, sampled_sequence
+
         where = f"{self.path}: {self.entry}"
         frames = chosen_frames(frame_count(self.path, self.entry), config, where)
         vertices, triangles = read_registrations(self.path, self.entry, frames, config.max_points)

@@ -17,7 +17,6 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.corresponding import read_corresponding
 from stages.ingest.listing import is_file, is_folder, safe_name, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
@@ -25,7 +24,6 @@ from stages.ingest.readers import Frame, check_every, frame_files, frame_folders
 from stages.ingest.registered import registered_sources
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.sequences import FRAMES_NAME, TRUTH_NAME, holds_frames, holds_many, is_sequence
-from stages.ingest.tracks import normalise_surface
 from stages.ingest.truth import read_truth, truth_files
 
 if TYPE_CHECKING:
@@ -76,6 +74,8 @@ class FileSource:
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The frames as a normalised sequence, with the ground truth that lies beside them, or that they are."""
         if config.correspond:
+            from stages.ingest.corresponding import read_corresponding
+
             return read_corresponding(self.frames_path, self.truth_path, config, rng)
         if self.truth_path is None:
             frames = read_frames(self.frames_path, config.every, config.max_points)
@@ -155,13 +155,15 @@ class HumanSource:
 
     def digest(self) -> str:
         """SHA-256 (hex) of the name and of the body model's version. Raises InputError where that is not installed."""
-        from stages.ingest.humans import EDITION, model_version
+        from stages.ingest.humans.assets import model_version
+        from stages.ingest.humans.catalogue import EDITION
 
         return hashlib.sha256(f"humans {EDITION} {model_version()} {self.name}".encode()).hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The sampled frames as a normalised sequence, in metres, with full ground truth."""
         from stages.ingest.humans import build_human
+        from stages.ingest.tracks import normalise_surface
 
         own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.name.encode())])
         points, truth, surface = build_human(self.name, config.humans, own_rng)
@@ -204,7 +206,8 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
     there are none.
     """
     if config.source == "humans":
-        from stages.ingest.humans import human_names, model_version
+        from stages.ingest.humans.assets import model_version
+        from stages.ingest.humans.catalogue import human_names
 
         model_version()  # where there is none, that is told once rather than of every sequence
         return [HumanSource(name) for name in human_names()]

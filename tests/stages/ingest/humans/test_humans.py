@@ -5,7 +5,7 @@ import pytest
 
 from schemas.config import HumansConfig, IngestConfig
 from schemas.errors import InputError
-from stages.ingest.humans import builder, human_kind, human_names, human_split
+from stages.ingest.humans import assets, builder, human_kind, human_names, human_split
 from stages.ingest.humans.builder import build_human
 from stages.ingest.humans.motions import KINDS
 from stages.ingest.sources import HumanSource, list_sources
@@ -89,11 +89,9 @@ def test_a_source_gives_a_sequence_with_parts_and_a_surface_of_every_kept_frame(
 
 
 def test_without_the_package_the_data_set_is_refused_once(monkeypatch):
-    from stages.ingest import humans
-
     def missing() -> str:
         raise InputError("dataset humans: the package anny is not installed; run `pip install rearticulate[humans]`")
 
-    monkeypatch.setattr(humans, "model_version", missing)
+    monkeypatch.setattr(assets, "model_version", missing)
     with pytest.raises(InputError, match=r"rearticulate\[humans\]"):
         list_sources(IngestConfig(source="humans"), None)
