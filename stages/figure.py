@@ -113,7 +113,8 @@ def _true(
     roots = np.flatnonzero(truth.parent == -1)
     axes = []
     for joint in truth.joints:
-        T_canonical_first = truth.Ts_frame_first[canonical, joint.parent]
+        # a ball joint's centre is the child's own: a soft parent bends between its joints
+        T_canonical_first = truth.Ts_frame_first[canonical, joint.child if joint.type == "spherical" else joint.parent]
         point = sequence.to_input(T_canonical_first[:3, :3] @ np.array(joint.point) + T_canonical_first[:3, 3])
         axes.append((joint.child, joint.type, T_canonical_first[:3, :3] @ np.array(joint.axis), point))
     return Model(
