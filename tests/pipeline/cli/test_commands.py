@@ -136,7 +136,7 @@ def test_every_setting_in_an_example_is_known_accepted_and_no_default(schema, fo
     assert load_settings(schema, folder, [], [setting]) != schema()
     name, _, value = setting.partition("=")
     default = functools.reduce(getattr, name.split("."), schema())
-    if isinstance(default, int | float) and not isinstance(default, bool):  # an example shows a change that one may want to make
+    if isinstance(default, int | float) and not isinstance(default, bool):  # an example shows a change one may want
         assert default / 10 <= float(value) <= 10 * max(default, 1)
 
 
