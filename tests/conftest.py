@@ -15,7 +15,7 @@ from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result
 from schemas.relaxed import RelaxedModel
 from schemas.report import Report
 from schemas.robot import Robot, RobotLink, RobotMesh
-from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
+from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
 
 FRAMES = 3
 
@@ -55,6 +55,15 @@ def ground_truth() -> GroundTruth:
                 states=(0.0, 0.1, 0.2),
             ),
         ),
+    )
+
+
+def true_surface() -> TrueSurface:
+    rng = np.random.default_rng(2)
+    return TrueSurface(
+        vertices=rng.normal(size=(FRAMES, 7, 3)),
+        corners=rng.integers(7, size=(12, 3)),
+        weights=np.tile([0.2, 0.3, 0.5], (12, 1)),
     )
 
 
@@ -182,6 +191,7 @@ SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),
+    "ingested_surface": lambda: IngestedSequence(sequence=point_sequence(), surface=true_surface()),
     "ingested_without_truth": lambda: IngestedSequence(sequence=point_sequence()),
     "flow": flow,
     "flow_without_matches": lambda: flow(0),

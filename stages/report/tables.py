@@ -22,8 +22,10 @@ MEANINGS = {
     "tree_edit_distance": "steps from the tree found to the true one",
     "recon_cm": "mean distance of points from where they truly are",
     "recon_percent": "the same, % of the diagonal",
+    "recon_of_motion_percent": "the same, % of the mean true way from the canonical frame",
     "epe_cm": "mean error of the flow between frames",
     "epe_percent": "the same, % of the diagonal",
+    "epe_of_flow_percent": "the same, % of the mean true flow",
     "acc5": "share of the flow that is right within 5 mm or 0.5 %",
     "acc10": "share of the flow that is right within 10 mm or 1 %",
     "reanimation_cm": "mean distance in unseen poses, one point of each part given",
@@ -31,6 +33,7 @@ MEANINGS = {
     "chamfer_percent": "mean nearest distance between model and frames, % of the diagonal",
     "axis_angle_deg": "median angle between found and true axes",
     "axis_distance_percent": "median distance between them, % of the diagonal",
+    "ball_centre_percent": "mean distance between found and true centres of ball joints, % of the diagonal",
     "joint_type_accuracy": "share of the joints found whose type is right",
 }
 DIRECTIONS: dict[Freedom, tuple[str, ...]] = {"none": (), "axis": ("",), "all": ("x", "y", "z")}
