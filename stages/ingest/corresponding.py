@@ -16,9 +16,10 @@ from pykdtree.kdtree import KDTree
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence, LengthUnit
-from stages.ingest.formats.triangles import frame_triangles
+from stages.ingest.formats.triangles import file_triangles
+from stages.ingest.listing import is_folder
 from stages.ingest.normalise import normalise
-from stages.ingest.readers import Frame, read_frames
+from stages.ingest.readers import Frame, frame_files, read_frames
 from stages.ingest.tracks import normalise_surface, sample_frames, sample_vertices
 
 _log = logging.getLogger("rearticulate.ingest")
@@ -53,7 +54,8 @@ def read_corresponding(
                 "(ingest.correspond); leave the setting out where it is not"
             )
     vertices = np.stack([frame.points for frame in chosen])
-    triangles = frame_triangles(path, vertices.shape[1], config.max_points)
+    first = frame_files(path)[0] if is_folder(path) else path
+    triangles = file_triangles(first, vertices.shape[1], config.max_points)
     return sampled_sequence(vertices, triangles, [frame.name for frame in chosen], config, config.units, rng)
 
 

@@ -10,21 +10,18 @@ from jaxtyping import Int64
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import load_npz
-from stages.ingest.listing import is_folder
-from stages.ingest.readers import frame_files
 
 FACES = "faces"
 _MOST_PER_VERTEX = 4  # a closed surface has two triangles a vertex
 
 
-def frame_triangles(path: Path, vertices: int, most: int) -> Int64[np.ndarray, "triangles 3"] | None:
-    """Those of the first .ply of a folder, or the array `faces` of an .npz; None where there are none.
+def file_triangles(path: Path, vertices: int, most: int) -> Int64[np.ndarray, "triangles 3"] | None:
+    """The triangles of a .ply, or the array `faces` of an .npz; None where there are none.
 
     Raises InputError for triangles that do not fit so many `vertices`, and for more than `most`.
     """
-    if is_folder(path):
-        file = frame_files(path)[0]
-        return _ply_triangles(file, vertices) if file.suffix.lower() == ".ply" else None
+    if path.suffix.lower() == ".ply":
+        return _ply_triangles(path, vertices)
     if path.suffix.lower() != ".npz":
         return None
     faces = load_npz(path, (FACES,), 8 * 3 * min(most, _MOST_PER_VERTEX * vertices + 1000)).get(FACES)
