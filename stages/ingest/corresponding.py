@@ -54,8 +54,8 @@ def read_corresponding(
                 "(ingest.correspond); leave the setting out where it is not"
             )
     vertices = np.stack([frame.points for frame in chosen])
-    first = frame_files(path)[0] if is_folder(path) else path
-    triangles = file_triangles(first, vertices.shape[1], config.max_points)
+    file = frame_files(path)[0] if is_folder(path) else path
+    triangles = file_triangles(file, vertices.shape[1], config.max_points)
     return sampled_sequence(vertices, triangles, [frame.name for frame in chosen], config, config.units, rng)
 
 
