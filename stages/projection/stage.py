@@ -17,7 +17,7 @@ from schemas.sequence import PointSequence
 from stages.kernels.kinematics.closed_form import JointFit, fit_joint
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import farthest_points, spacing
+from stages.kernels.points.sampling import farthest_points, point_spacing
 
 
 def project(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
@@ -35,14 +35,14 @@ def link_parts(
 ) -> KinematicModel:
     """Link labelled parts with known motions."""
     samples = part_samples(p_canonical, labels, config.samples_per_part)
-    noise = spacing(p_canonical)
-    spatial = spatial_energies(p_canonical, labels, config.contact * noise)
+    spacing = point_spacing(p_canonical)
+    spatial = spatial_energies(p_canonical, labels, config.contact * spacing)
     fits = relative_joints(SCREW, samples, Ts_frame_canonical)
     rotating = [kind for kind in config.kinds if kind.is_ball]
     left = relative_joints(rotating[0], samples, Ts_frame_canonical).mean_square if rotating else fits.mean_square
     # the pair's energy must not depend on which of the two is called the child
     one_dof = 0.5 * (left + left.T)
-    root = base_part(samples, Ts_frame_canonical, np.bincount(labels), config.still * noise)
+    root = base_part(samples, Ts_frame_canonical, np.bincount(labels), config.still * spacing)
     cost = config.lambda_spatial * spatial + config.lambda_1dof * one_dof
     links = spanning_tree(cost, root)
     parent, child = links[:, 0], links[:, 1]

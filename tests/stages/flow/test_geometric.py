@@ -38,7 +38,7 @@ def test_mutual_matches_keep_only_mutual_and_near_pairs():
     source = np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]])
     warped = source + [0, 0.1, 0]
     target = np.array([[0.0, 0.1, 0], [0.9, 0.1, 0], [1.05, 0.1, 0]])
-    pair = mutual_matches(source, warped, target, noise=0.1, max_distance=1.0)
+    pair = mutual_matches(source, warped, target, spacing=0.1, max_distance=1.0)
     np.testing.assert_array_equal(pair.source_index, [0, 1])
     np.testing.assert_array_equal(pair.target_index, [0, 2])
     np.testing.assert_allclose(pair.flow, [[0, 0.1, 0]] * 2)
