@@ -260,6 +260,10 @@ class ProjectionConfig(Settings):
         default=60, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
     )
     contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
+    root: Literal["still", "middle"] = Field(
+        default="still",
+        description="the root: the part that stands still, or that in the middle of the body, as suits people and animals",
+    )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
     )

@@ -88,7 +88,7 @@ def fit(sequence, Ts, kinds):
         confidence=np.zeros(0),
     )
     config = FinalFitConfig(points=800, energy_points=200)
-    return fit_final(start, sequence, none, config, projection, np.random.default_rng(0))
+    return fit_final(start, sequence, none, config, np.random.default_rng(0), kinds=projection.kinds)
 
 
 @pytest.fixture(params=["cylindrical", "spherical"], scope="module")
