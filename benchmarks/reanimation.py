@@ -26,7 +26,6 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from pydantic import Field
 from run import FOLDER, Machine, commit, machine
-from stages.kernels.kinematics.articulation import Chain
 
 from pipeline.results.report_tables import Cell, Row, Table, to_markdown
 from pipeline.run.task import package_versions
@@ -41,6 +40,7 @@ from schemas.sequence import IngestedSequence
 from stages.evaluation.stage import reanimation_distances
 from stages.final_fit.working import Fit, to_model, working_frames
 from stages.kernels.labelling.matching import match_parts
+from stages.rearticulation.mechanism import chain_of, root_moves
 
 DRAWS = 5  # of the told points; the first is the evaluation's own
 OVERLAP = 0.5  # least share of a part's points, found and true together, that are common to both where it is right
@@ -176,14 +176,12 @@ def true_model(ingested: IngestedSequence, canonical_frame: int) -> KinematicMod
     truth = ingested.truth
     if truth is None or sorted(joint.child for joint in truth.joints) != np.flatnonzero(truth.parent >= 0).tolist():
         raise InputError("ground truth: found none with a joint for every part but the root, expected that")
-    if any(joint.type == "spherical" for joint in truth.joints) or np.count_nonzero(truth.parent < 0) != 1:
+    if any(joint.kind.size != 1 for joint in truth.joints) or np.count_nonzero(truth.parent < 0) != 1:
         raise InputError("ground truth: found spherical joints or several roots, expected one tree of other joints")
     T_canonical_first = truth.Ts_frame_first[canonical_frame]
     parent = np.array([joint.parent for joint in truth.joints], dtype=np.int64)
     R, t = T_canonical_first[parent, :3, :3], T_canonical_first[parent, :3, 3]
-    states = np.array([joint.states for joint in truth.joints]).reshape(len(parent), -1)
-    turns = np.array([joint.type == "revolute" for joint in truth.joints], dtype=bool)[:, None]
-    states = states - states[:, [canonical_frame]]
+    states = np.array([joint.states for joint in truth.joints]).reshape(len(parent), -1).T
     return KinematicModel(
         canonical_frame=canonical_frame,
         root=int(np.flatnonzero(truth.parent < 0)[0]),
@@ -191,10 +189,10 @@ def true_model(ingested: IngestedSequence, canonical_frame: int) -> KinematicMod
         Ts_frame_canonical=truth.Ts_frame_first @ np.linalg.inv(T_canonical_first),
         joint_parent=parent,
         joint_child=np.array([joint.child for joint in truth.joints], dtype=np.int64),
-        joint_types=tuple("revolute" if joint.type == "revolute" else "prismatic" for joint in truth.joints),
+        joint_types=tuple(joint.type for joint in truth.joints),
         axis=rotated(R, [joint.axis for joint in truth.joints]),
         point=rotated(R, [joint.point for joint in truth.joints]) + t,
-        states=np.stack([states * turns, states * ~turns], axis=-1),
+        states=states - states[canonical_frame],
         e_spatial=np.zeros(len(parent)),
         e_1dof=np.zeros(len(parent)),
         energies={},
@@ -209,20 +207,7 @@ def rotated(R: Float64[np.ndarray, "joints 3 3"], vectors: list[tuple[float, flo
 def fitted_to_frames(exact: KinematicModel, ingested: IngestedSequence, config: FinalFitConfig) -> KinematicModel:
     """The true model with its axes, states and root motion fitted to the sampled frames from the truth on."""
     frames = working_frames(ingested.sequence, exact.canonical_frame, config.points, config.reach)
-    order = exact.joints_from_root()
-    turns = np.array([exact.joint_types[joint] == "revolute" for joint in order], dtype=bool)
-    T_frame_root = exact.Ts_frame_canonical[:, exact.root]
-    chain = Chain(
-        root=exact.root,
-        parent=exact.joint_parent[order],
-        child=exact.joint_child[order],
-        revolute=turns,
-        axis=exact.axis[order],
-        point=exact.point[order],
-        states=np.where(turns[:, None], exact.states[order, :, 0], exact.states[order, :, 1]),
-        T_frame_root=T_frame_root.copy(),
-        free_root=not np.allclose(T_frame_root, np.eye(4), atol=1e-6),
-    )
+    chain = chain_of(exact, root_moves(exact.Ts_frame_canonical[:, exact.root]))
     fit = frames.refine(Fit(chain, exact.labels[frames.index]), config.last_iterations)
     return to_model(exact, fit, frames).replace(labels=exact.labels)
 

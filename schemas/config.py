@@ -7,7 +7,7 @@ setting depends on the input's units or the object's size. Presets live in `pipe
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Protocol, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -15,6 +15,20 @@ from schemas.joints import JointKind, JointType, joint_kind
 from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart
 
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
+
+
+class _Sampled(Protocol):
+    frames: int
+    points: int
+
+
+_SampledConfig = TypeVar("_SampledConfig", bound=_Sampled)
+
+
+def _checked(config: _SampledConfig) -> _SampledConfig:
+    if config.frames * config.points > MOST_SAMPLED:
+        raise ValueError(f"expected at most {MOST_SAMPLED} points in all frames together")
+    return config
 
 
 class RoboartConfig(Settings):
@@ -51,22 +65,55 @@ class RoboartConfig(Settings):
 
     @model_validator(mode="after")
     def _check_points(self) -> Self:
-        if self.frames * self.points > MOST_SAMPLED:
-            raise ValueError(f"expected at most {MOST_SAMPLED} points in all frames together")
-        return self
+        return _checked(self)
+
+
+class HumansConfig(Settings):
+    """The data set of moving people: how its sequences are sampled."""
+
+    frames: int = Field(default=14, ge=2, le=1000)
+    frames_per_second: float = Field(default=10.0, gt=0, le=1000)
+    points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
+    noise_percent: float = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="standard deviation of the noise on each coordinate, in % of the diagonal",
+    )
+    detail: Literal["fine", "coarse"] = Field(
+        default="fine", description="16 parts, or 10 without belly, chest, hands and feet of their own"
+    )
+
+    @model_validator(mode="after")
+    def _check_points(self) -> Self:
+        return _checked(self)
+
+
+class RegistrationConfig(Settings):
+    """Sequences in which every frame has the same surface points, as in D-FAUST: what is taken of them."""
+
+    first: int = Field(default=0, ge=0, description="the first frame that is used, by its number in the file")
+    frames: int = Field(default=17, ge=2, le=1000, description="frames that are used at most, from the first on")
+    points: int = Field(default=4096, ge=32, description="points per frame, sampled independently")
 
 
 class IngestConfig(Settings):
     """Where frames come from and how they are read."""
 
-    source: Literal["files", "roboart", "urdf"] = "files"
+    source: Literal["files", "roboart", "urdf", "humans", "dfaust"] = "files"
     units: NamedUnit = Field(default="unknown", description="the unit of the input's coordinates")
     every: int = Field(default=1, ge=1, description="only every so many-th frame is used, from the first on")
     min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")
     max_points: int = Field(
         default=50_000_000, ge=64, le=10**12, description="a sequence with more points in all is refused"
     )
+    correspond: bool = Field(
+        default=False,
+        description="point i of a file's frames is the same surface point in all: sample each anew, and measure by it",
+    )
     roboart: RoboartConfig = RoboartConfig()
+    humans: HumansConfig = HumansConfig()
+    registrations: RegistrationConfig = RegistrationConfig()
 
 
 class GeometricFlowConfig(Settings):

@@ -115,3 +115,13 @@ def parents_first(parent: Links, child: Links) -> list[int]:
         if len(order) > len(below):  # two joints move the same part
             break
     return order
+
+
+def is_tree(parent: Links, child: Links, root: int) -> bool:
+    """Whether joints link parts, numbered from zero, to one tree: all but the root are the child of one joint."""
+    parts = list(range(len(child) + 1))
+    return (
+        sorted([root, *np.asarray(child).tolist()]) == parts
+        and set(np.asarray(parent).tolist()) <= set(parts)
+        and len(parents_first(parent, child)) == len(child)
+    )

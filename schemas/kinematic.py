@@ -43,7 +43,7 @@ class KinematicModel(Artifact):
     joint_types: tuple[LinkType, ...]
     axis: Annotated[Float64[np.ndarray, "joints 3"], Unit("1")] = Field(description="unit direction")
     point: Annotated[Float64[np.ndarray, "joints 3"], Unit("normalised")] = Field(
-        description="the point of the axis nearest the origin"
+        description="the point of the axis nearest the origin, or the centre of a joint without an axis"
     )
     states: Annotated[Float64[np.ndarray, "frames coordinates"], Unit("radian, normalised")]
     e_spatial: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]

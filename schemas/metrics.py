@@ -15,6 +15,9 @@ class JointMetrics(Schema):
     predicted_type: str | None = Field(description="None: no predicted joint links these two parts")
     axis_angle_deg: float | None = None
     axis_distance_percent: float | None = Field(default=None, description="% of the diagonal; None for prismatic")
+    ball_centre_percent: float | None = Field(
+        default=None, description="between the centres of two ball joints, % of the diagonal; None for other types"
+    )
     state_error: float | None = Field(
         default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
     )
@@ -50,8 +53,12 @@ class Metrics(Artifact):
     tree_edit_distance: int | None = None
     recon: float | None = None
     recon_percent: float | None = None
+    recon_of_motion_percent: float | None = Field(
+        default=None, description="recon in % of the points' mean true way from the canonical frame"
+    )
     epe: float | None = None
     epe_percent: float | None = None
+    epe_of_flow_percent: float | None = Field(default=None, description="EPE in % of the mean length of the true flow")
     acc5: float | None = None
     acc10: float | None = None
     reanimation: float | None = None

@@ -12,7 +12,7 @@ from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
-from schemas.joints import JOINT_KINDS, JointKind, JointType, parents_first
+from schemas.joints import JOINT_KINDS, JointKind, JointType, is_tree, parents_first
 from schemas.seal import sha256
 from schemas.sequence import LengthUnit
 
@@ -29,6 +29,11 @@ else:
 Vector = tuple[float, float, float]
 Numbers = float | tuple[float, ...]
 """A number for each degree of freedom of a joint; a plain one where there is one only."""
+
+
+def are(numbers: Numbers, count: int) -> bool:
+    """Whether there are so many numbers: a plain one, or several in a tuple."""
+    return isinstance(numbers, tuple) == (count != 1) and np.size(numbers) == count
 
 
 class ModelPart(Schema):
@@ -92,10 +97,10 @@ class ModelJoint(Schema):
     @model_validator(mode="after")
     def _check_values(self) -> Self:
         expected = self.kind.size
-        if any(np.size(state) != expected for state in self.states):
+        if not all(are(state, expected) for state in self.states):
             raise ValueError(f"joint {self.name}: states: expected {expected} numbers each, since it is {self.type}")
         limits = 1 if self.kind.is_ball else expected
-        if len(self.lowers) != limits or len(self.uppers) != limits:
+        if not are(self.lower, limits) or not are(self.upper, limits):
             raise ValueError(f"joint {self.name}: limits: expected {limits} numbers each, since it is {self.type}")
         if not all(np.isfinite(state).all() for state in self.states):
             raise ValueError(f"joint {self.name}: states: found NaN or infinity, expected finite values")
@@ -153,8 +158,8 @@ class ModelFile(Schema):
                 yield f"{kind}: found the name {twice[0][:80]!r} twice or empty, expected one for each"
             if strange := [name for name in names if not name.isprintable()]:
                 yield f"{kind}: found the name {strange[0][:80]!r}, expected printable characters only"
-        children = [joint.child for joint in self.joints]
-        if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
+        parent, child = [joint.parent for joint in self.joints], [joint.child for joint in self.joints]
+        if len(child) + 1 != len(parts) or not is_tree(parent, child, self.root):
             yield (
                 f"joints: found a cycle, or parts that do not hang on the root by one joint each, "
                 f"expected a tree over {len(parts)} parts with root {self.root}"

@@ -50,8 +50,14 @@ class Figures(Schema):
     tree_edit_distance: Annotated[float | None, Measure("TED", decimals=1, better="lower")] = None
     recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None
     recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
+    recon_of_motion_percent: Annotated[float | None, Measure("recon / motion", "%", 2, "lower")] = Field(
+        default=None, description="% of the mean true way from the canonical frame"
+    )
     epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
     epe_percent: Annotated[float | None, Measure("EPE", "%", better="lower")] = None
+    epe_of_flow_percent: Annotated[float | None, Measure("EPE / flow", "%", 2, "lower")] = Field(
+        default=None, description="% of the mean true flow"
+    )
     acc5: Annotated[float | None, Measure("acc5", better="higher")] = None
     acc10: Annotated[float | None, Measure("acc10", better="higher")] = None
     reanimation_cm: Annotated[float | None, Measure("reanim.", "cm", better="lower")] = None
@@ -66,6 +72,9 @@ class Figures(Schema):
     )
     axis_distance_percent: Annotated[float | None, Measure("axis dist.", "%", 2, "lower")] = Field(
         default=None, description="median over the matched revolute joints, % of the diagonal"
+    )
+    ball_centre_percent: Annotated[float | None, Measure("ball centres", "%", 2, "lower")] = Field(
+        default=None, description="mean distance over the matched ball joints, % of the diagonal"
     )
     joint_type_accuracy: Annotated[float | None, Measure("joint types", better="higher")] = Field(
         default=None, description="share of the matched joints whose type is right"

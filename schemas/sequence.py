@@ -77,17 +77,17 @@ class PointSequence(Artifact):
 
 
 class TrueJoint(Schema):
-    """One joint of the ground truth, in normalised coordinates of frame 0."""
+    """One joint of the ground truth, in normalised coordinates of frame 0. `point` is a ball joint's centre."""
 
     name: str
     parent: int
     child: int
     type: JointType
-    axis: tuple[float, float, float] = Field(description="unit direction of the axis in frame 0")
+    axis: tuple[float, float, float] = Field(description="unit direction of the axis in frame 0; any of a ball joint")
     point: tuple[float, float, float] = Field(description="a point on the axis in frame 0")
     states: tuple[float, ...] = Field(
         description="joint position in each frame minus the one in frame 0: "
-        "radians (revolute) or normalised lengths (prismatic)"
+        "radians (revolute) or normalised lengths (prismatic); of a ball joint the angle between the two"
     )
 
     @property
@@ -127,17 +127,59 @@ class GroundTruth(Artifact):
         return self
 
 
+class TrueSurface(Artifact):
+    """A surface, rigid or soft, whose points are known in every frame, and where on it the observed points lie.
+
+    Point i of `PointSequence.points` was sampled, in its own frame, at the mean of the vertices `corners[i]` with the
+    weights `weights[i]`, which add up to one.
+    """
+
+    vertices: Annotated[Float64[np.ndarray, "frames vertices 3"], Unit("normalised")]
+    corners: Annotated[Int64[np.ndarray, "all_points 3"], Unit("index"), Within(0, "vertices")]
+    weights: Annotated[Float64[np.ndarray, "all_points 3"], Unit("share"), Within(0, 1)]
+
+
 class IngestedSequence(Artifact):
-    """The artifact of the ingest stage. Only evaluation reads `truth`; every other stage gets `sequence`."""
+    """The artifact of the ingest stage. Only evaluation and pictures read the truth; other stages get `sequence`.
+
+    `truth` tells the parts, where the source does, and `surface` where each point lies in every frame, where parts that
+    move rigidly do not tell it.
+    """
 
     sequence: PointSequence
     truth: GroundTruth | None = None
+    surface: TrueSurface | None = None
 
     def true_labels(self, frame: int) -> Int64[np.ndarray, "points"] | None:
         """The true part of each point of a frame; None where there is no ground truth."""
         if self.truth is None:
             return None
         return self.sequence.by_frame(self.truth.labels)[frame]
+
+    def on_surface(self, frame: int) -> Float64[np.ndarray, "frames points 3"] | None:
+        """Where the points of a frame truly lie in every frame, by the surface; None where there is none.
+
+        A point that was observed beside the surface stays beside it by as much.
+        """
+        if self.surface is None:
+            return None
+        corners, weights = (self.sequence.by_frame(of)[frame] for of in (self.surface.corners, self.surface.weights))
+        p_surface = np.stack([np.einsum("nk,nkd->nd", weights, p[corners]) for p in self.surface.vertices])
+        p_true: Float64[np.ndarray, "frames points 3"] = p_surface + (self.sequence.frames()[frame] - p_surface[frame])
+        return p_true
+
+    @model_validator(mode="after")
+    def _check_surface(self) -> Self:
+        if self.surface is None:
+            return self
+        found = (len(self.surface.corners), len(self.surface.vertices))
+        expected = (len(self.sequence.points), self.sequence.frame_count)
+        if found != expected:
+            raise ValueError(
+                f"TrueSurface: found places of {found[0]} points in {found[1]} frames, "
+                f"expected {expected[0]} in {expected[1]} as in the sequence"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_truth(self) -> Self:

@@ -18,7 +18,17 @@ from schemas.errors import Fault, InputError
 FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
 # presets that say where sequences come from; roboart-noisy and the like add to roboart
-DATASETS = ("roboart", "roboart-noisy", "roboart-partial", "roboart-free", "urdf", "sapien", "scans")
+DATASETS = (
+    "roboart",
+    "roboart-noisy",
+    "roboart-partial",
+    "roboart-free",
+    "urdf",
+    "sapien",
+    "scans",
+    "humans",
+    "dfaust",
+)
 DEEPEST = 10  # tables in tables; no setting is as deep, and reading deeper ones may take all of the stack
 LONGEST_SHOWN = 100  # characters of a value that cannot be used
 

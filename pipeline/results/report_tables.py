@@ -29,8 +29,10 @@ QUALITY = (
     "tree_edit_distance",
     "recon_cm",
     "recon_percent",
+    "recon_of_motion_percent",
     "epe_cm",
     "epe_percent",
+    "epe_of_flow_percent",
     "acc5",
     "acc10",
     "reanimation_cm",
@@ -40,6 +42,7 @@ QUALITY = (
 JOINTS_AND_COST = (
     "axis_angle_deg",
     "axis_distance_percent",
+    "ball_centre_percent",
     "joint_type_accuracy",
     "confidence_auc",
     "seconds",

@@ -12,7 +12,7 @@ from pipeline.run.task import Job, StageTask, upstream_first
 from pipeline.run.tasks import STAGES, final_tasks
 from pipeline.store.artifacts import ArtifactError, completed_at
 from schemas.errors import InputError, UnavailableError
-from stages.ingest.sources import DescribedSource, RoboartSource, Source, file_source, list_sources
+from stages.ingest.sources import DescribedSource, HumanSource, RoboartSource, Source, file_source, list_sources
 from stages.ingest.truth import truth_files
 
 
@@ -50,12 +50,16 @@ def _job(source: Source, request: Request, report: Report) -> Job:
 
 
 def origin_of(source: Source) -> dict[str, str]:
-    """What a sequence shows, where that has a name; of RoboArt's robots the type and the split, too."""
+    """What a sequence shows, where that has a name; of RoboArt's robots and of people the type and the split, too."""
     match source:
         case RoboartSource(thing=robot):
             from stages.ingest.roboart import robot_kind, robot_split
 
             return {"robot": robot, "type": robot_kind(robot), "split": robot_split(robot)}
+        case HumanSource(name=name):
+            from stages.ingest.humans import human_kind, human_split
+
+            return {"type": human_kind(name), "split": human_split(name)}
         case DescribedSource(thing=thing):
             return {"robot": thing}
         case _:

@@ -10,9 +10,10 @@ from sklearn.metrics import adjusted_rand_score, rand_score
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
-from schemas.sequence import METRES, GroundTruth, IngestedSequence, LengthUnit, TrueJoint
+from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
 from stages.evaluation.identifiability import tellable_points
 from stages.evaluation.tree_edit_distance import unordered_tree_edit_distance
+from stages.evaluation.true_motion import motion_errors, since_canonical, true_positions
 from stages.kernels.labelling.matching import match_parts
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import working_points
@@ -28,7 +29,8 @@ def evaluate(
     """Measure a model against its sequence and, where there is one, against the ground truth (A.9).
 
     Lengths come out in the input's units and in % of the object's diagonal; `rng` draws the points that
-    the reanimation metric is told. Without ground truth only the Chamfer distance and the counts are known.
+    the reanimation metric is told. Without ground truth only the Chamfer distance and the counts are known; where
+    only the true surface is, also the errors of the motion.
     """
     sequence, truth = ingested.sequence, ingested.truth
     frames = sequence.frames()
@@ -41,16 +43,14 @@ def evaluate(
         parts_found=model.part_count,
         chamfer_percent=100 * chamfer_distance(p_predicted, frames),
     )
+    if (p_true := true_positions(ingested, model.canonical_frame)) is not None:
+        errors = motion_errors(p_predicted, p_true, model.canonical_frame, sequence)
+        metrics = metrics.replace(**errors.figures(sequence.scale))
     if truth is None:
         return metrics
     labels_of_frames = sequence.by_frame(truth.labels)
     labels_true = labels_of_frames[model.canonical_frame]
-    Ts_true = _since_canonical(truth.Ts_frame_first, truth, model)
-    p_true = move_points(Ts_true[:, labels_true], p_canonical)
-    recon = _mean_distance(p_predicted, p_true)
-    flow_error = np.linalg.norm(np.diff(p_predicted, axis=0) - np.diff(p_true, axis=0), axis=-1)
-    flow_length = np.linalg.norm(np.diff(p_true, axis=0), axis=-1)
-    accurate = [_accurate(flow_error, flow_length, share, sequence.units, sequence.scale) for share in (0.005, 0.01)]
+    Ts_true = since_canonical(truth.Ts_frame_first, truth, model.canonical_frame)
     reanimation = reanimation_error(model, truth, labels_true, p_canonical, config.reanimation_iterations, rng)
     joints = joint_errors(model, truth, labels_true)
     type_right = [joint.predicted_type == joint.true_type for joint in joints if joint.predicted_type is not None]
@@ -70,12 +70,6 @@ def evaluate(
         ari_told=float(adjusted_rand_score(labels_true[index_told], model.labels[index_told])) if told.any() else None,
         untold_parts=_untold_parts(truth, labels_true[looked_at[model.canonical_frame]], told),
         tree_edit_distance=_tree_edit_distance(model, truth),
-        recon=recon * sequence.scale,
-        recon_percent=100 * recon,
-        epe=float(flow_error.mean()) * sequence.scale,
-        epe_percent=100 * float(flow_error.mean()),
-        acc5=float(accurate[0].mean()),
-        acc10=float(accurate[1].mean()),
         reanimation=None if reanimation is None else reanimation * sequence.scale,
         reanimation_percent=None if reanimation is None else 100 * reanimation,
         joint_type_accuracy=float(np.mean(type_right)) if type_right else None,
@@ -131,7 +125,9 @@ def reanimation_distances(
     iterations: int,
 ) -> Float64[np.ndarray, "states points"]:
     """How far each point is from its true place in the unseen states, when the model is told where some of them lie."""
-    p_true = move_points(_since_canonical(truth.Ts_novel_first, truth, model)[:, labels_true], p_canonical)
+    p_true = move_points(
+        since_canonical(truth.Ts_novel_first, truth, model.canonical_frame)[:, labels_true], p_canonical
+    )
     mechanism = Mechanism.without_limits(chain_of(model, root_moves(model.Ts_frame_canonical[:, model.root])))
     found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
     Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
@@ -189,7 +185,13 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
     predicted_type, kind = model.joint_types[joint], model.kinds[joint]
     if not (true.kind.has_axis and kind.has_axis):
         return JointMetrics(
-            name=true.name, true_type=true.type, predicted_type=predicted_type, confidence=_confidence(model, joint)
+            name=true.name,
+            true_type=true.type,
+            predicted_type=predicted_type,
+            ball_centre_percent=_centre_distance(model, joint, truth, true)
+            if kind.is_ball and true.kind.is_ball
+            else None,
+            confidence=_confidence(model, joint),
         )
     T_canonical_first = truth.Ts_frame_first[model.canonical_frame, true.parent]
     axis_true = T_canonical_first[:3, :3] @ np.asarray(true.axis)
@@ -210,6 +212,13 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
         state_error=state_error,
         confidence=_confidence(model, joint),
     )
+
+
+def _centre_distance(model: KinematicModel, joint: int, truth: GroundTruth, true: TrueJoint) -> float:
+    """Between the centres of two ball joints in the canonical frame, in % of the diagonal."""
+    T_canonical_first = truth.Ts_frame_first[model.canonical_frame, true.child]  # the centre is the child's own
+    centre = T_canonical_first[:3, :3] @ np.asarray(true.point) + T_canonical_first[:3, 3]
+    return 100 * float(np.linalg.norm(model.point[joint] - centre))
 
 
 def _state_error(states: Float64[np.ndarray, "frames"], true: TrueJoint, canonical_frame: int) -> float:
@@ -240,29 +249,3 @@ def _tree_edit_distance(model: KinematicModel, truth: GroundTruth) -> int | None
     if np.count_nonzero(truth.parent == -1) != 1:
         return None
     return unordered_tree_edit_distance(model.parents(), truth.parent)
-
-
-def _accurate(
-    error: Float64[np.ndarray, "pairs points"],
-    length: Float64[np.ndarray, "pairs points"],
-    share: float,
-    units: LengthUnit,
-    scale: float,
-) -> Bool[np.ndarray, "pairs points"]:
-    """Whether a flow's error is at most `share` of its true length, or `share` metres (0.005: 5 mm).
-
-    Where the unit is unknown, `share` of the object's diagonal stands for the absolute threshold.
-    """
-    absolute = share if units == "unknown" else share / METRES[units] / scale
-    return (error <= absolute) | (error <= share * length)
-
-
-def _since_canonical(
-    Ts_first: Float64[np.ndarray, "frames parts 4 4"], truth: GroundTruth, model: KinematicModel
-) -> Float64[np.ndarray, "frames parts 4 4"]:
-    """True motions from where the parts are in the canonical frame, given motions from frame 0."""
-    return Ts_first @ np.linalg.inv(truth.Ts_frame_first[model.canonical_frame])
-
-
-def _mean_distance(p: Float64[np.ndarray, "frames points 3"], q: Float64[np.ndarray, "frames points 3"]) -> float:
-    return float(np.linalg.norm(p - q, axis=-1).mean())

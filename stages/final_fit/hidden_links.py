@@ -6,13 +6,14 @@ fit its neighbour's motion as well. Without it two parts that it links have two 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from schemas.joints import REVOLUTE, JointKind
+from schemas.joints import REVOLUTE
 from stages.final_fit.motion_model import MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
@@ -39,33 +40,29 @@ def add_freedom(
 ) -> Fit:
     """The tree fitted to the free motions, with more freedom in its joints where the frames ask for it.
 
-    A joint gets a further link within it, or becomes one of a kind with more degrees of freedom, where that lowers the
-    points' costs by more than `link_price`, or than `freedom_price` for each further degree; the greatest gain comes
-    first. Without a link price no links are inserted. Where the root itself moves about one fixed axis, it is hung on
-    a still base. New links have no points yet.
+    A joint gets a further link within it where that lowers the points' costs by more than `link_price`. Then a joint
+    becomes one of a kind with more degrees of freedom where that lowers them by more than `freedom_price` for each. The
+    greatest gain comes first. Links come first since they explain most motions as well as a ball joint does. Without a
+    link price none are inserted. Where the root itself moves about one fixed axis, it is hung on a still base. New
+    links have no points yet.
     """
-    trials = _Trials(fit.labels, frames, Ts_free, link_price, freedom_price)
+    trials = _Trials(fit.labels, frames, Ts_free)
     chain = trials.fit(fit.chain, SETTLE)
-    cost = trials.cost(chain)
-    for _ in range(ROUNDS):
-        freer = {link: trials.freed(chain, link, cost) for link in _links(chain)}
-        gains = {link: trial.gain for link, trial in freer.items() if trial is not None}
-        before = chain
-        for link in sorted(gains, key=lambda link: -gains[link]):
-            trial = freer[link] if chain is before else trials.freed(chain, link, cost)
-            if trial is not None:
-                chain, cost = trial.chain, trials.cost(trial.chain)
-        if chain is before:
-            break
+    if link_price is not None:
+        chain = trials.freed(chain, lambda chain, joint: trials.with_link(chain, joint, link_price))
+    chain = trials.freed(chain, lambda chain, joint: trials.with_kinds(chain, joint, freedom_price))
     return Fit(_on_still_base(trials.fit(chain, SETTLE), fit.labels, frames), fit.labels)
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A chain with more freedom in one joint, and the fall of the points' costs beyond its price."""
+    """A chain with more freedom in one joint, and the price of that."""
 
     chain: Chain
-    gain: float
+    price: float
+
+
+Offers = Callable[[Chain, int], list[_Trial]]  # what may be made of one of a chain's joints
 
 
 @dataclass(frozen=True)
@@ -75,8 +72,6 @@ class _Trials:
     labels: Int64[np.ndarray, "points"]
     frames: Frames
     Ts_free: Float64[np.ndarray, "frames parts 4 4"]
-    link_price: float | None
-    freedom_price: float
     pairs: dict[Link, ScrewPair | None] = field(default_factory=dict)  # between parts that both have points
 
     @cached_property
@@ -90,41 +85,48 @@ class _Trials:
     def fit(self, chain: Chain, iterations: int) -> Chain:
         return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
 
-    def freed(self, chain: Chain, link: Link, cost: float) -> _Trial | None:
-        """The best chain with more freedom in one of its joints; None where that is not worth its price."""
+    def freed(self, chain: Chain, offers: Offers) -> Chain:
+        """The chain with what is offered for its joints wherever that is worth its price, the greatest gain first."""
+        cost = self.cost(chain)
+        for _ in range(ROUNDS):
+            best = {link: self._best(chain, link, offers, cost) for link in _links(chain)}
+            gains = {link: gain for link, (_, gain) in best.items() if gain > 0}
+            before = chain
+            for link in sorted(gains, key=lambda link: -gains[link]):
+                trial, gain = best[link] if chain is before else self._best(chain, link, offers, cost)
+                if gain > 0:
+                    chain, cost = trial, self.cost(trial)
+            if chain is before:
+                break
+        return chain
+
+    def _best(self, chain: Chain, link: Link, offers: Offers, cost: float) -> tuple[Chain, float]:
+        """The best of what is offered for one joint, fitted, and by how much more than its price it lowers the cost."""
         joint = _links(chain).get(link)
-        if joint is None:
-            return None
-        trials = [
-            self._tried(self.with_kind(chain, joint, kind), price, cost) for kind, price in self.freer(chain, joint)
-        ]
-        if self.link_price is not None and chain.tree.kinds[joint] in self.frames.plain_kinds:
-            pair = self.pair(chain, *link)
-            trials += [] if pair is None else [self._tried(_with_link(chain, joint, pair), self.link_price, cost)]
-        worth = [trial for trial in trials if trial.gain > 0]
-        return max(worth, key=lambda trial: trial.gain, default=None)
+        fitted = [] if joint is None else [(self.fit(one.chain, TRIAL), one.price) for one in offers(chain, joint)]
+        gains = [(trial, cost - self.cost(trial) - price) for trial, price in fitted]
+        return max(gains, key=lambda found: found[1], default=(chain, 0.0))
 
-    def _tried(self, chain: Chain, price: float, cost: float) -> _Trial:
-        fitted = self.fit(chain, TRIAL)
-        return _Trial(fitted, cost - price - self.cost(fitted))
+    def with_link(self, chain: Chain, joint: int, price: float) -> list[_Trial]:
+        """The chain with a further link within one of its joints, where that joint needs one."""
+        pair = self.pair(chain, int(chain.tree.parent[joint]), int(chain.tree.child[joint]))
+        return [] if pair is None else [_Trial(_with_link(chain, joint, pair), price)]
 
-    def freer(self, chain: Chain, joint: int) -> list[tuple[JointKind, float]]:
-        """The kinds with more degrees of freedom than a joint has, and their prices; none where a part is unseen."""
-        tree = chain.tree
-        if not all((self.labels == part).any() for part in (tree.parent[joint], tree.child[joint])):
+    def with_kinds(self, chain: Chain, joint: int, price: float) -> list[_Trial]:
+        """The chain with one of its joints made one of each kind with more freedom; none where a part is unseen."""
+        own = chain.joint(joint)
+        p_child = self.frames.p[self.labels == own.child]
+        if len(p_child) == 0 or not (self.labels == own.parent).any():
             return []
-        size = tree.kinds[joint].size
-        return [(kind, self.freedom_price * (kind.size - size)) for kind in self.frames.kinds if kind.size > size]
-
-    def with_kind(self, chain: Chain, joint: int, kind: JointKind) -> Chain:
-        """The chain with one of its joints made the best one of another kind."""
-        joints = chain.joints()
-        parent, child = joints[joint].parent, joints[joint].child
-        p_child = self.frames.p[self.labels == child]
-        motion = inverse(self.Ts_free[:, parent]) @ self.Ts_free[:, child]
-        fit = fit_joint([kind], motion, p_child[farthest_points(p_child, JOINT_SAMPLES)])
-        joints[joint] = Joint.of(fit.since(self.frames.canonical_frame), parent, child)
-        return chain.with_joints(joints)
+        p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
+        motion, trials = inverse(self.Ts_free[:, own.parent]) @ self.Ts_free[:, own.child], []
+        for kind in self.frames.kinds:
+            if kind.size > own.kind.size:
+                fit = fit_joint([kind], motion, p_child).since(self.frames.canonical_frame)
+                joints = chain.joints()
+                joints[joint] = Joint.of(fit, own.parent, own.child)
+                trials.append(_Trial(chain.with_joints(joints), price * (kind.size - own.kind.size)))
+        return trials
 
     def pair(self, chain: Chain, parent: int, child: int) -> ScrewPair | None:
         """Two joints in a row that explain the child's motion against its parent, where one does not."""

@@ -12,11 +12,14 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.joints import PRISMATIC, REVOLUTE
+from stages.final_fit.motion_model import MotionModel
 from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
-from stages.kernels.kinematics.chain import Joint
+from stages.kernels.kinematics.chain import Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
+
+TRIAL = 10  # Levenberg-Marquardt steps on the quadratic model, to judge a joint
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
@@ -36,24 +39,30 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
     return fit
 
 
-def simplify_joints(fit: Fit, frames: Frames, freedom_price: float, iterations: int) -> Fit:
-    """Each joint of more than the least freedom made a plain one where all points' costs then rise by less than the
-    price of the freedom that it gives up, both refined as long."""
-    for index in [index for index, kind in enumerate(fit.chain.tree.kinds) if kind not in frames.plain_kinds]:
-        joint = fit.chain.joint(index)
-        p_child = frames.p[fit.labels == joint.child]
+def simplify_joints(fit: Fit, frames: Frames, freedom_price: float) -> Fit:
+    """Joints of more than the least freedom made plain where that costs less than the freedom that they give up.
+
+    Judged by the quadratic model of the frames about the fit's own motions; nothing is matched anew.
+    """
+    chain, spacing = fit.chain, frames.noise
+    freer = [index for index, kind in enumerate(chain.tree.kinds) if kind not in frames.plain_kinds]
+    if not freer:
+        return fit
+    equations = frames.registration.linearise(fit.labels, chain.Ts, frames.reach)
+    model = MotionModel(equations, chain.Ts, spacing)
+    for index in freer:
+        joint, p_child = chain.joint(index), frames.p[fit.labels == chain.tree.child[index]]
         if len(p_child) == 0:
             continue
-        motion = inverse(fit.chain.Ts[:, joint.parent]) @ fit.chain.Ts[:, joint.child]
+        motion = inverse(chain.Ts[:, joint.parent]) @ chain.Ts[:, joint.child]
         plain = fit_joint(frames.plain_kinds, motion, p_child[farthest_points(p_child, JOINT_SAMPLES)])
-        joints = fit.chain.joints()
+        joints = chain.joints()
         joints[index] = Joint.of(plain.since(frames.canonical_frame), joint.parent, joint.child)
-        trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
-        fit = frames.refine(fit, iterations)
-        given_up = joint.kind.size - joints[index].kind.size
-        if frames.cost(trial) < frames.cost(fit) + freedom_price * given_up:
-            fit = trial
-    return fit
+        trial = fit_chain(chain.with_joints(joints), model, frames.canonical_frame, spacing, TRIAL)
+        given_up = freedom_price * (joint.kind.size - joints[index].kind.size)
+        if model(trial.Ts).cost < model(chain.Ts).cost + given_up:
+            chain = trial
+    return Fit(chain, fit.labels)
 
 
 def hinge_at(p_contact: Float64[np.ndarray, "3"], p_centre: Float64[np.ndarray, "3"], slide: Joint) -> Joint:

@@ -51,7 +51,7 @@ def fit_final(
         price = link_price if config.hidden_links else None
         fit = add_freedom(fit, frames, model.Ts_frame_canonical, price, freedom_price)
     fit = try_hinges(frames.refine(fit, config.iterations), frames, config.iterations)
-    fit = simplify_joints(fit, frames, freedom_price, config.iterations)
+    fit = simplify_joints(fit, frames, freedom_price)
     progress(1, STEPS)
     if config.relabel:
         fit = _settled(fit, frames, config, 2, (config.fused_frames + 1) // 2)
@@ -62,7 +62,7 @@ def fit_final(
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
         if part_price > 0:
             fit = hang_slides(fit, frames, part_price, config.iterations)
-        fit = simplify_joints(fit, frames, freedom_price, config.iterations)
+        fit = simplify_joints(fit, frames, freedom_price)
     fit = frames.refine(fit, config.last_iterations)
     confidence = joint_confidence(fit, frames, part_price, coarseness(sequence.to_input(frames.p_all)))
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)

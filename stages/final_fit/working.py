@@ -143,7 +143,7 @@ def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
     labels = fit.labels[nearest(KDTree(frames.p), frames.p_all)[1]]
     labels[frames.index] = fit.labels
     joints = len(tree.child)
-    has_axis = np.array([kind.has_axis for kind in tree.kinds], dtype=bool)
+    has_axis = np.array([kind.has_axis for kind in tree.kinds], dtype=bool)[:, None]
     return model.replace(
         root=tree.root,
         labels=labels,
@@ -152,7 +152,7 @@ def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
         joint_child=tree.child,
         joint_types=tuple(kind.name for kind in tree.kinds),
         axis=tree.axis,
-        point=np.where(has_axis[:, None], nearest_point_to_origin(tree.axis, tree.point), tree.point),
+        point=np.where(has_axis, nearest_point_to_origin(tree.axis, tree.point), tree.point),
         states=chain.joint_states,
         e_spatial=np.zeros(joints),
         e_1dof=np.zeros(joints),

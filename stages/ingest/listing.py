@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from pathlib import Path
 
@@ -72,6 +73,11 @@ def _why_left_out(entry: Path) -> str:
     if not is_file(entry):
         return "a link to nothing" if entry.is_symlink() else "no plain file"
     return _HIDDEN if entry.name.startswith(".") else ""
+
+
+def safe_name(name: str) -> str:
+    """A name of letters, digits, dots, dashes and underscores, for folders and command lines."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._-") or "sequence"
 
 
 def _entries(folder: Path) -> list[Path]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import re
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
@@ -18,10 +17,11 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import is_file, is_folder, visible_entries
+from stages.ingest.listing import is_file, is_folder, safe_name, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
 from stages.ingest.readers import Frame, check_every, frame_files, frame_folders, read_frames
+from stages.ingest.registered import registered_sources
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.sequences import FRAMES_NAME, TRUTH_NAME, holds_frames, holds_many, is_sequence
 from stages.ingest.truth import read_truth, truth_files
@@ -72,7 +72,11 @@ class FileSource:
         return total.hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The frames as a normalised sequence, with the ground truth that lies beside them."""
+        """The frames as a normalised sequence, with the ground truth that lies beside them, or that they are."""
+        if config.correspond:
+            from stages.ingest.corresponding import read_corresponding
+
+            return read_corresponding(self.frames_path, self.truth_path, config, rng)
         if self.truth_path is None:
             frames = read_frames(self.frames_path, config.every, config.max_points)
             _hint_at_every(len(frames))
@@ -143,6 +147,36 @@ class UrdfSource(DescribedSource):
         return self.own
 
 
+@dataclass(frozen=True)
+class HumanSource:
+    """A sequence of a moving person, whom the name alone determines."""
+
+    name: str
+
+    def digest(self) -> str:
+        """SHA-256 (hex) of the name and of the body model's version. Raises InputError where that is not installed."""
+        from stages.ingest.humans.assets import model_version
+        from stages.ingest.humans.catalogue import EDITION
+
+        return hashlib.sha256(f"humans {EDITION} {model_version()} {self.name}".encode()).hexdigest()
+
+    def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
+        """The sampled frames as a normalised sequence, in metres, with full ground truth."""
+        from stages.ingest.humans import build_human
+        from stages.ingest.tracks import normalise_surface
+
+        own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.name.encode())])
+        points, truth, surface = build_human(self.name, config.humans, own_rng)
+        frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
+        kept, step = _every(frames, config.every), config.every
+        sequence = normalise(kept, config, "metre")
+        return IngestedSequence(
+            sequence=sequence,
+            truth=normalise_truth(truth.every(step), kept, sequence),
+            surface=normalise_surface(surface.every(step), kept, sequence),
+        )
+
+
 def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
     """Every `step`-th frame, from the first on. Raises InputError where that leaves only one of several."""
     check_every(len(frames), step)
@@ -166,13 +200,20 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
 
     Source "roboart" gives every robot of the data set, whether this machine has its description or not, and
     takes `data`, or else the environment's REART_ASSETS, as a folder of descriptions NAME/NAME.urdf that is
-    searched first. Source "urdf" gives everything that `own_descriptions` finds in `data`. Source "files" gives `data`
+    searched first. Source "humans" gives the people of that data set, and "dfaust" the sequences in the HDF5 files of
+    `data`. Source "urdf" gives everything that `own_descriptions` finds in `data`. Source "files" gives `data`
     itself where it is one sequence, else its sub-folders and .npy or .npz files that are. Raises InputError where
     there are none.
     """
+    if config.source == "humans":
+        from stages.ingest.humans.assets import model_version
+        from stages.ingest.humans.catalogue import human_names
+
+        model_version()  # where there is none, that is told once rather than of every sequence
+        return [HumanSource(name) for name in human_names()]
     if config.source == "roboart":
         return _roboart_sources(config.roboart.sequences_per_robot, data)
-    expected = "sequences" if config.source == "files" else "URDF files"
+    expected = {"urdf": "URDF files", "dfaust": "registrations (.hdf5)"}.get(config.source, "sequences")
     if data is None:
         raise InputError(
             f"ingest.source: found {config.source!r} without a folder of {expected}, expected one; "
@@ -180,6 +221,8 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
         )
     if not is_file(data) and not is_folder(data):
         raise InputError(f"{data}: found neither a file nor a folder there, expected {expected}; check the path")
+    if config.source == "dfaust":
+        return list(registered_sources(data))
     if config.source == "urdf":
         return _urdf_sources(config.roboart.sequences_per_robot, data)
     if is_file(data) or is_sequence(data, certainly=True):
@@ -225,8 +268,8 @@ def _urdf_sources(per_thing: int, data: Path) -> list[Source]:
 
     found: dict[str, Description] = {}
     for name, description in own_descriptions(data):
-        if (other := found.setdefault(_safe_name(name), description)) is not description:
-            raise _same_name(description.urdf_path, other.urdf_path, _safe_name(name))
+        if (other := found.setdefault(safe_name(name), description)) is not description:
+            raise _same_name(description.urdf_path, other.urdf_path, safe_name(name))
     return [UrdfSource(name, thing, variant, found[thing]) for name, thing, variant in _variants(found, per_thing)]
 
 
@@ -245,7 +288,7 @@ def file_source(path: Path) -> FileSource:
     """
     folder = path.resolve()
     if not is_folder(folder):
-        return FileSource(_safe_name(folder.stem), path)
+        return FileSource(safe_name(folder.stem), path)
     frames, sequence = path, folder
     if folder.name == FRAMES_NAME:
         sequence = folder.parent
@@ -254,7 +297,7 @@ def file_source(path: Path) -> FileSource:
     truth = next((file for file in (frames / TRUTH_NAME, sequence / TRUTH_NAME) if is_file(file)), None)
     if truth is None and has_transforms(frames):
         truth = frames
-    return FileSource(_safe_name(sequence.name), frames, truth)
+    return FileSource(safe_name(sequence.name), frames, truth)
 
 
 def _source_at(entry: Path) -> FileSource | None:
@@ -262,14 +305,9 @@ def _source_at(entry: Path) -> FileSource | None:
     try:
         if not is_sequence(entry):
             return None
-        return file_source(entry) if entry.exists() else FileSource(_safe_name(entry.stem), entry)
+        return file_source(entry) if entry.exists() else FileSource(safe_name(entry.stem), entry)
     except InputError:
-        return FileSource(_safe_name(entry.name), entry)
-
-
-def _safe_name(name: str) -> str:
-    """A name of letters, digits, dots, dashes and underscores, for folders and command lines."""
-    return re.sub(r"[^\w.-]+", "_", name).strip("._-") or "sequence"
+        return FileSource(safe_name(entry.name), entry)
 
 
 def _file_digest(path: Path) -> bytes:

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.artifact import GREATEST
-from schemas.errors import LONGEST_NAME, InputError, quoted, shortened
-from schemas.model_file import ModelJoint, Result
+from schemas.errors import LONGEST_FIELD, LONGEST_NAME, InputError, quoted, shortened
+from schemas.model_file import ModelJoint, Result, are
 from schemas.pose import Pose, State, TargetFit, Transform
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.motion.rigid_motion import move_points
@@ -177,11 +177,12 @@ def _check_targets(
 def _check_state(joint: ModelJoint, state: State, limits: bool) -> None:
     """Raises InputError for a state that the joint cannot have."""
     name, kind = shortened(joint.name, LONGEST_NAME), joint.kind
-    if np.size(state) != kind.size:
+    shown = shortened(str(state), LONGEST_FIELD)
+    if not are(state, kind.size):
         expected = "a rotation vector of three numbers" if kind.is_ball and kind.size == 3 else _counted(kind.size)
-        raise InputError(f"joint {name}: found {state}, expected {expected}, since it is {joint.type}; correct it")
+        raise InputError(f"joint {name}: found {shown}, expected {expected}, since it is {joint.type}; correct it")
     if not np.all(np.abs(state) <= GREATEST):
-        raise InputError(f"joint {name}: found {state}, expected finite numbers up to {GREATEST:g}; correct it")
+        raise InputError(f"joint {name}: found {shown}, expected finite numbers up to {GREATEST:g}; correct it")
     for size, lower, upper in zip(joint.sizes(state), joint.lowers, joint.uppers, strict=True):
         slack = ROUNDING * (1 + abs(upper - lower))
         if limits and not lower - slack <= size <= upper + slack:

@@ -11,6 +11,7 @@ from jaxtyping import Float, Float64, Int64
 from schemas.joints import JOINT_KINDS, JointKind
 from schemas.model_file import Result
 from schemas.sequence import GroundTruth, IngestedSequence
+from stages.evaluation.true_motion import true_positions
 from stages.kernels.labelling.colours import colours_of_true_parts, distinct_colours
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import thinned
@@ -106,21 +107,22 @@ def _true(
     sequence, canonical = ingested.sequence, result.model.canonical_frame
     labels_true = ingested.true_labels(canonical)
     assert labels_true is not None
-    Ts_frame_canonical = truth.Ts_frame_first @ np.linalg.inv(truth.Ts_frame_first[canonical])
-    p_canonical = sequence.frames()[canonical][chosen]
+    p_frames = true_positions(ingested, canonical)
+    assert p_frames is not None
     types = {(joint.parent, joint.child): joint.kind.mark for joint in truth.joints}
     linked = [(int(parent), part) for part, parent in enumerate(truth.parent) if parent >= 0]
     roots = np.flatnonzero(truth.parent == -1)
     axes = []
     for joint in truth.joints:
-        T_canonical_first = truth.Ts_frame_first[canonical, joint.parent]
+        # a ball joint's centre is the child's own: a soft parent bends between its joints
+        T_canonical_first = truth.Ts_frame_first[canonical, joint.child if joint.kind.is_ball else joint.parent]
         point = sequence.to_input(T_canonical_first[:3, :3] @ np.array(joint.point) + T_canonical_first[:3, 3])
         axes.append((joint.child, joint.kind, T_canonical_first[:3, :3] @ np.array(joint.axis), point))
     return Model(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
         labels=labels_true[chosen],
-        p_frames=sequence.to_input(move_points(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
+        p_frames=sequence.to_input(p_frames[:, chosen]),
         root=int(roots[0]) if len(roots) == 1 else None,  # several: the source does not tell the tree
         links=[(parent, child, types.get((parent, child), "")) for parent, child in linked],
         axes=axes,

@@ -62,13 +62,7 @@ def scene_data(
         "canonical": model.canonical_frame,
         "root": model.root,
         "parts": [{"id": part.id, "colour": hexadecimal(colours[part.id])} for part in model.parts],
-        "joints": [
-            {
-                **joint.model_dump(mode="json", include={"parent", "child", "type", "axis", "point", "states"}),
-                "place": joint_place(result, joint, robot).tolist(),
-            }
-            for joint in model.joints
-        ],
+        "joints": [_joint(result, joint, robot) for joint in model.joints],
         "T_frame_root": result.T_frame_canonical[:, model.root, :3].reshape(-1, 12).tolist(),
         "points": {
             "positions": scale.quantised(p[chosen]),
@@ -106,6 +100,19 @@ def joint_place(result: Result, joint: ModelJoint, robot: Robot | None) -> Float
         middle = child.mean(axis=0) if len(child) else point
     place: np.ndarray = point + axis * (axis @ (middle - point))
     return place
+
+
+def _joint(result: Result, joint: ModelJoint, robot: Robot | None) -> dict[str, Any]:
+    """A joint as the page moves it: by so much of each row of its basis as its state says, whatever its kind."""
+    kind = joint.kind
+    return {
+        **joint.model_dump(mode="json", include={"parent", "child", "axis", "point"}),
+        "turns": kind.turns,
+        "slides": kind.slides,
+        "basis": kind.basis(np.array(joint.axis)).tolist(),
+        "states": [np.atleast_1d(state).tolist() for state in joint.states],
+        "place": joint_place(result, joint, robot).tolist(),
+    }
 
 
 def encoded(values: np.ndarray, dtype: str) -> str:

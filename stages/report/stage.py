@@ -26,6 +26,18 @@ from stages.report.scene import scene_data
 from stages.report.tables import figures_table, headline, joints_table, parts_table, sliders, true_joints_table
 from stages.support.pictures import picture_bytes
 
+VIEWER = (  # the script's files in viewer/, in their order
+    "math.js",
+    "kinematics.js",
+    "scene.js",
+    "camera.js",
+    "shapes.js",
+    "renderer.js",
+    "drawing.js",
+    "controls.js",
+    "navigation.js",
+    "start.js",
+)
 MODES = {"points": "Points", "meshes": "Meshes", "true": "True parts"}
 
 
@@ -65,7 +77,7 @@ def report_page(
     colours = None
     if labels_true is not None:
         colours = colours_of_true_parts(result.labels, labels_true, int(labels_true.max()) + 1)[labels_true]
-    script = _resource("viewer.js")
+    script = _script(VIEWER)
     there = {"points": True, "meshes": robot is not None, "true": labels_true is not None}
     return Template(_resource("page.html")).substitute(
         name=escape(name),
@@ -140,6 +152,11 @@ def _mode(mode: str) -> str:
 def _json_in_html(value: object) -> str:
     """JSON that ends no script element: `<` occurs in strings only, where it may be escaped."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _script(names: Sequence[str]) -> str:
+    """Files of the script as one: what one of them defines, those after it use."""
+    return "\n".join(['"use strict";', *(_resource(f"viewer/{name}") for name in names)])
 
 
 def _resource(name: str) -> str:

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from schemas.joints import Freedom
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import ModelFile, ModelJoint
 from schemas.scores import MEASURES
@@ -21,8 +22,10 @@ MEANINGS = {
     "tree_edit_distance": "steps from the tree found to the true one",
     "recon_cm": "mean distance of points from where they truly are",
     "recon_percent": "the same, % of the diagonal",
+    "recon_of_motion_percent": "the same, % of the mean true way from the canonical frame",
     "epe_cm": "mean error of the flow between frames",
     "epe_percent": "the same, % of the diagonal",
+    "epe_of_flow_percent": "the same, % of the mean true flow",
     "acc5": "share of the flow that is right within 5 mm or 0.5 %",
     "acc10": "share of the flow that is right within 10 mm or 1 %",
     "reanimation_cm": "mean distance in unseen poses, one point of each part given",
@@ -30,8 +33,10 @@ MEANINGS = {
     "chamfer_percent": "mean nearest distance between model and frames, % of the diagonal",
     "axis_angle_deg": "median angle between found and true axes",
     "axis_distance_percent": "median distance between them, % of the diagonal",
+    "ball_centre_percent": "mean distance between found and true centres of ball joints, % of the diagonal",
     "joint_type_accuracy": "share of the joints found whose type is right",
 }
+DIRECTIONS: dict[Freedom, tuple[str, ...]] = {"none": (), "axis": ("",), "all": ("x", "y", "z")}
 HEADLINE = ("ari", "recon_percent", "epe_percent", "tree_edit_distance")
 
 
@@ -50,14 +55,13 @@ def headline(model: ModelFile, metrics: Metrics | None) -> str:
 
 
 def sliders(model: ModelFile) -> str:
-    """A row for each joint; a slider within its limits, three for a spherical one's rotation vector."""
+    """A row for each joint, with a slider within its limits for each number of its state."""
     colours = [hexadecimal(colour) for colour in distinct_colours(len(model.parts))]
     rows = []
     for joint in model.joints:
         ends = " <span class='arrow'>→</span> ".join(badge(part, colours[part]) for part in (joint.parent, joint.child))
         what = f"{joint.name}, {joint.type}, part {joint.parent} to part {joint.child}"
-        ranges = _ranges(joint, _length(model))
-        fields = "".join(_slider(joint, lower, upper, about, unit, what) for lower, upper, unit, about in ranges)
+        fields = _sliders(joint, _length(model), what)
         rows.append(f'<li><span>{ends} {escape(joint.name)}</span> <span class="kind">{joint.type}</span>{fields}</li>')
     return f"<ol>{''.join(rows)}</ol>" if rows else '<p class="soft">One rigid part: nothing to move.</p>'
 
@@ -88,9 +92,9 @@ def joints_table(model: ModelFile) -> str:
     rows = []
     for joint in model.joints:
         links = f"{badge(joint.parent, colours[joint.parent])} → {badge(joint.child, colours[joint.child])}"
-        states = [joint.sizes(state)[0] for state in joint.states]
+        curves = zip(*(joint.sizes(state) for state in joint.states), strict=True)
         row = [escape(joint.name), joint.type, links, _vector(joint.axis), _vector(joint.point), _range(model, joint)]
-        row.append(states_svg(states, model.canonical_frame))
+        row.append("".join(states_svg(states, model.canonical_frame) for states in curves))
         if sure:
             told = joint.confidence
             row += ["-"] * 3 if told is None else [f"{value:.2f}" for value in (told.part, told.link, told.type)]
@@ -150,24 +154,34 @@ def table(
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _slider(joint: ModelJoint, lower: float, upper: float, about: str, unit: str, what: str) -> str:
+def _sliders(joint: ModelJoint, length: str, what: str) -> str:
+    """A slider for each number of a joint's state. Where there are several, each names its direction."""
+    kind, fields = joint.kind, []
+    directions = DIRECTIONS[kind.turns] + DIRECTIONS[kind.slides]
+    for (lower, upper), unit, direction in zip(_limits(joint), kind.symbols(length), directions, strict=True):
+        which = f", {'about' if unit == 'rad' else 'along'} {direction or 'its axis'}" if kind.size > 1 else ""
+        fields.append(_slider(joint, lower, upper, unit, direction, what + which))
+    return "".join(fields)
+
+
+def _slider(joint: ModelJoint, lower: float, upper: float, unit: str, direction: str, what: str) -> str:
     disabled = " disabled" if upper - lower <= 0 else ""
     low, high = (_value(value, unit) for value in (lower, upper))
-    if about:
-        low, what = f"{about} {low}", f"{what}, about {about}"
     limits = f'min="{lower!r}" max="{upper!r}" step="any" value="0"'
     return (
-        f'<div class="slider"><span class="low">{low}</span><input type="range" data-joint="{joint.id}" '
-        f'data-unit="{unit}" {limits} aria-label="{escape(what)}"{disabled}><span>{high}</span><output></output></div>'
+        f'<div class="slider"><span class="low">{f"{direction} {low}".strip()}</span><input type="range" '
+        f'data-joint="{joint.id}" data-unit="{unit}" {limits} aria-label="{escape(what)}"{disabled}>'
+        f"<span>{high}</span><output></output></div>"
     )
 
 
-def _ranges(joint: ModelJoint, length: str) -> list[tuple[float, float, str, str]]:
-    """The limits of each of a joint's sliders, their unit, and the axis that it turns about where there are three."""
+def _limits(joint: ModelJoint) -> list[tuple[float, float]]:
+    """The limits of each number of a joint's state. Those of a ball's slides are those of its states."""
     if not joint.kind.is_ball:
-        return [(lower, upper, unit, "") for lower, upper, unit in joint.ranges(length)]
+        return list(zip(joint.lowers, joint.uppers, strict=True))
     most = max(joint.uppers[0], *(joint.sizes(state)[0] for state in joint.states))
-    return [(-most, most, "rad", axis) for axis in "xyz"]
+    slides = np.array(joint.states)[:, joint.kind.angles :]
+    return [(-most, most)] * joint.kind.angles + [(min(slide), max(slide)) for slide in slides.T.tolist()]
 
 
 def _length(model: ModelFile) -> str:

@@ -3,15 +3,15 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from stages.kernels.kinematics.kinematic_tree import KinematicTree
 
-from pipeline.store import artifacts
 from schemas.config import EvaluationConfig, FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
+from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
 from stages.evaluation.stage import evaluate
+from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import move_points
 
 POINTS = 300  # of each box
@@ -29,12 +29,12 @@ def ingested():
     """A hinge between the first two of three boxes and a slider to the third, sampled anew in every frame."""
     rng = np.random.default_rng(0)
     tree = KinematicTree(
-        parts=3,
+        kinds=(REVOLUTE, PRISMATIC),
         parent=np.array([0, 1]),
         child=np.array([1, 2]),
+        axis=AXES,
         point=ANCHORS,
-        joint=np.array([0, 1]),
-        basis=np.array([[*AXES[0], 0, 0, 0], [0, 0, 0, *AXES[1]]]),
+        root=0,
     )
     Ts = tree.Ts_pose_canonical(np.stack([HINGE, SLIDER], axis=1))
     labels = np.repeat([0, 1, 2], POINTS)
@@ -73,12 +73,12 @@ def ingested():
 def finished_run(folder, ingested, model):
     """The artifacts that a run leaves of a sequence whose model this is."""
     metrics = evaluate(model, ingested, EvaluationConfig(), np.random.default_rng(0))
-    made = {
+    artifacts = {
         "ingest": ingested,
         "canonical_frame": CanonicalChoice(candidates=(), model=model),
         "evaluation": metrics,
     }
-    for stage, artifact in made.items():
+    for stage, artifact in artifacts.items():
         provenance = Provenance(
             stage=stage,
             version=1,
@@ -100,7 +100,7 @@ def finished_run(folder, ingested, model):
 def test_the_true_model_is_exact_and_its_joints_can_be_fitted_to_the_frames(benchmark, ingested):
     exact = benchmark.true_model(ingested, 1)
     assert exact.joint_types == ("revolute", "prismatic")
-    assert exact.states[0, :, 0] == pytest.approx(HINGE - HINGE[1])
+    assert exact.states_of(0)[:, 0] == pytest.approx(HINGE - HINGE[1])
     sampled = benchmark.fitted_to_frames(exact, ingested, FinalFitConfig())
     assert sampled.axis == pytest.approx(exact.axis, abs=0.03)
     assert not np.array_equal(sampled.axis, exact.axis)

@@ -32,12 +32,20 @@ def sample_triangles(
     triangles: Triangles, count: int, rng: np.random.Generator
 ) -> tuple[Float64[np.ndarray, "points 3"], Int64[np.ndarray, "points"]]:
     """Points spread uniformly by area, and the triangle of each."""
+    chosen, weights = draw_on_triangles(triangles, count, rng)
+    (a, b, c), (of_a, of_b, of_c) = np.moveaxis(triangles[chosen], 1, 0), weights.T[..., None]
+    return of_a * a + of_b * b + of_c * c, chosen
+
+
+def draw_on_triangles(
+    triangles: Triangles, count: int, rng: np.random.Generator
+) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 3"]]:
+    """Places spread uniformly by area: the triangle of each, and the weights of its corners."""
     cumulative = np.cumsum(areas(triangles))
     chosen = np.searchsorted(cumulative[:-1], rng.uniform(0, cumulative[-1], count), side="right")
     # the root makes the image of the unit square uniform over the triangle
-    u, v = np.sqrt(rng.random(count))[:, None], rng.random(count)[:, None]
-    a, b, c = np.moveaxis(triangles[chosen], 1, 0)
-    return (1 - u) * a + u * (1 - v) * b + u * v * c, chosen
+    u, v = np.sqrt(rng.random(count)), rng.random(count)
+    return chosen, np.stack([1 - u, u * (1 - v), u * v], axis=1)
 
 
 def areas(triangles: Triangles) -> Float64[np.ndarray, "triangles"]:

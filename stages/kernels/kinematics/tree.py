@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from schemas.joints import FREE, JointKind, parents_first
+from schemas.joints import FREE, JointKind, is_tree, parents_first
 from stages.kernels.motion.rigid_motion import from_parts, left_jacobians, rotation_vectors, rotations
 
 WORLD = -1
@@ -33,6 +33,11 @@ class KinematicTree:
     root: int
     free_root: bool = False
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for joints that do not hang on the root."""
+        if not is_tree(self.parent, self.child, self.root):
+            raise ValueError(f"found joints that do not hang on the root {self.root}, expected one tree")
+
     @property
     def parts(self) -> int:
         return len(self.child) + 1
@@ -44,11 +49,8 @@ class KinematicTree:
 
     @cached_property
     def order(self) -> list[int]:
-        """The joints, each after that of its parent. Raises ValueError for joints that do not hang on the root."""
-        order = parents_first(self.parent, self.child)
-        if len(order) != len(self.child):
-            raise ValueError(f"found joints that do not hang on the root {self.root}, expected one tree")
-        return order
+        """The joints, each after that of its parent."""
+        return parents_first(self.parent, self.child)
 
     @cached_property
     def parents(self) -> Int64[np.ndarray, "parts"]:

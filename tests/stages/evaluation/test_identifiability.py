@@ -1,8 +1,7 @@
 import numpy as np
-import torch
 
 from stages.evaluation.identifiability import tellable_points
-from stages.kernels.kinematics.screw import screw_transform
+from stages.kernels.kinematics.tree import joint_transforms
 
 FRAMES, POINTS, CANONICAL = 4, 3000, 1
 
@@ -10,8 +9,8 @@ FRAMES, POINTS, CANONICAL = 4, 3000, 1
 def told(turning_shape, axis: list[float], angles: np.ndarray) -> np.ndarray:
     """Whether each point is told, of a slab that stands still and a shape on top of it that turns."""
     Ts = np.tile(np.eye(4), (FRAMES, 2, 1, 1))
-    direction, point = torch.tensor(axis, dtype=torch.float64), torch.tensor([0.0, 0.0, 0.5], dtype=torch.float64)
-    Ts[:, 1] = screw_transform(direction, point, torch.from_numpy(angles - angles[CANONICAL]), torch.zeros(FRAMES))
+    motions = np.outer(angles - angles[CANONICAL], [*axis, 0, 0, 0])
+    Ts[:, 1] = joint_transforms(np.array([0.0, 0.0, 0.5]), motions)
     labels = np.repeat([0, 1], POINTS // 2)
     frames = []
     for t in range(FRAMES):

@@ -65,7 +65,7 @@ def still(joint):
 
 def test_points_go_only_to_parts_that_touch_or_are_linked_to_theirs(housed):
     """All rests, as the body does by the tree; it would suit the arm's points best, but the arm is far above it."""
-    T_canonical = np.linalg.inv(housed.chain.Ts())[:, housed.labels]
+    T_canonical = np.linalg.inv(housed.chain.Ts)[:, housed.labels]
     up = np.where(housed.labels == 2, 0.2, 0.0)[:, None] * [0, 0, 1]
     clouds = [move_points(T, p) + up for T, p in zip(T_canonical, housed.frames.registration.frames, strict=True)]
     frames = replace(housed.frames, registration=Registration(clouds, 2), p_all=clouds[2])

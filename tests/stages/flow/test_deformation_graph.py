@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-import torch
 
 from stages.flow.deformation_graph import Alignment, BlockPattern, build_graph, deform, pair_blocks
-from stages.kernels.motion import se3
+from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.points.sampling import normals, spacing
 
 
@@ -24,14 +23,14 @@ def test_weights_add_up_and_edges_go_both_ways(graph):
 
 
 def test_one_rigid_motion_of_all_nodes_moves_points_rigidly(graph):
-    T = se3.exp(torch.tensor([0.3, -0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)).numpy()
+    T = joint_transforms(np.zeros(3), np.array([0.3, -0.2, 0.5, 1.0, 2.0, 3.0]))
     p = bumpy_sheet(0)
     moved = deform(graph, np.tile(T, (len(graph.p_nodes), 1, 1)), p)
     np.testing.assert_allclose(moved, p @ T[:3, :3].T + T[:3, 3], atol=1e-12)
 
 
 def test_aligns_to_an_independent_sample_of_a_moved_surface(graph):
-    T = se3.exp(torch.tensor([0.1, 0.05, 0.1, 0.05, -0.05, 0.05], dtype=torch.float64)).numpy()
+    T = joint_transforms(np.zeros(3), np.array([0.1, 0.05, 0.1, 0.05, -0.05, 0.05]))
     target = bumpy_sheet(1) @ T[:3, :3].T + T[:3, 3]
     source = bumpy_sheet(0)
     alignment = Alignment(graph, source, target, normals(target), spacing(target))

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from schemas.config import ProjectionConfig
+from schemas.joints import REVOLUTE
 from schemas.relaxed import RelaxedModel
 from stages.projection.stage import base_part, group_energy, link_parts, project, spanning_tree, spatial_energies
 
@@ -26,7 +27,8 @@ def test_finds_the_known_joint(two_part_object):
     assert (model.joint_parent.tolist(), model.joint_child.tolist()) == ([0], [1])
     assert abs(model.axis[0] @ truth.axis) == pytest.approx(1, abs=1e-9)
     sign = np.sign(model.axis[0] @ truth.axis)
-    np.testing.assert_allclose(sign * model.states[0], truth.states, atol=1e-6)
+    both = [truth.states, 0 * truth.states] if truth.kind == REVOLUTE else [0 * truth.states, truth.states]
+    np.testing.assert_allclose(sign * model.states, np.concatenate(both, axis=1), atol=1e-6)
     assert model.e_1dof[0] < 1e-10
 
 

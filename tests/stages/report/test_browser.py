@@ -83,9 +83,9 @@ def test_a_slider_moves_its_part_and_what_hangs_on_it_and_nothing_else(page, arm
 
 def test_the_arrow_keys_move_a_slider_that_has_the_focus(page):
     page.evaluate("document.querySelector('input[data-joint=\"1\"]').focus()")
-    before = page.evaluate("reart.values[1]")
+    before = page.evaluate("reart.states[1]")
     page.press("ArrowRight")
-    assert page.evaluate("reart.values[1]") > before
+    assert page.evaluate("reart.states[1]") > before
 
 
 @pytest.mark.parametrize("beside_input", [False, True])

@@ -7,13 +7,13 @@ import zipfile
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial.transform import Rotation
-from stages.kernels.kinematics.forward_kinematics import forward_kinematics
 
+from schemas.joints import JOINT_KINDS
 from schemas.kinematic import KinematicModel
 from schemas.model_file import ModelFile
 from schemas.sequence import PointSequence
+from stages.kernels.kinematics.chain import Chain, Joint
 from stages.result.stage import result_files, to_result
 
 FRAMES, CANONICAL, POINTS = 6, 2, 40
@@ -39,35 +39,27 @@ def sequence() -> PointSequence:
     )
 
 
-def model(types: tuple[str, ...] = TYPES) -> KinematicModel:
+def model() -> KinematicModel:
     rng = np.random.default_rng(1)
     axis = rng.normal(size=(3, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     point = rng.uniform(-0.3, 0.3, (3, 3))
     point -= axis * (axis * point).sum(1, keepdims=True)
-    states = np.zeros((3, FRAMES, 2))
-    for joint, column in enumerate((0, 1, 0)):
-        states[joint, :, column] = rng.uniform(-1, 1, FRAMES)
-    states[:, CANONICAL] = 0
+    states = rng.uniform(-1, 1, (3, FRAMES)).T
+    states[CANONICAL] = 0
     T_frame_root = np.tile(np.eye(4), (FRAMES, 1, 1))
     T_frame_root[:, :3, :3] = Rotation.from_rotvec(np.linspace(-0.4, 0.6, FRAMES)[:, None] * [0, 1, 0]).as_matrix()
     T_frame_root[:, :3, 3] = np.linspace(-0.4, 0.6, FRAMES)[:, None] * [0.1, 0, 0.2]
-    Ts = forward_kinematics(
-        torch.from_numpy(T_frame_root),
-        list(zip(PARENT.tolist(), CHILD.tolist(), strict=True)),
-        torch.from_numpy(axis),
-        torch.from_numpy(point),
-        torch.from_numpy(states),
-        root=2,
-    )
+    joints = [Joint(JOINT_KINDS[TYPES[j]], PARENT[j], CHILD[j], axis[j], point[j], states[:, [j]]) for j in range(3)]
+    Ts = Chain.of(joints, 2, T_frame_root, free_root=True).Ts
     return KinematicModel(
         canonical_frame=CANONICAL,
         root=2,
         labels=np.arange(POINTS + CANONICAL) % 4,
-        Ts_frame_canonical=Ts.numpy(),
+        Ts_frame_canonical=Ts,
         joint_parent=PARENT,
         joint_child=CHILD,
-        joint_types=types,
+        joint_types=TYPES,
         axis=axis,
         point=point,
         states=states,
@@ -151,14 +143,12 @@ def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
     fitted, observed = model(), sequence()
     description, _ = loaded(result_files(to_result(fitted, observed)))
     assert [joint["name"] for joint in description["joints"]] == ["joint_2_0", "joint_2_1", "joint_0_3"]
-    for joint, (kind, column, unit) in enumerate(
-        [("revolute", 0, 1.0), ("prismatic", 1, observed.scale), ("revolute", 0, 1.0)]
-    ):
+    for joint, (kind, unit) in enumerate([("revolute", 1.0), ("prismatic", observed.scale), ("revolute", 1.0)]):
         found = description["joints"][joint]
         assert set(found) == {"id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "states"}
         assert (found["id"], found["parent"], found["child"]) == (joint, PARENT[joint], CHILD[joint])
         assert found["type"] == kind
-        assert found["states"] == (fitted.states[joint, :, column] * unit).tolist()
+        assert found["states"] == (fitted.states[:, joint] * unit).tolist()
         assert (found["lower"], found["upper"]) == (min(found["states"]), max(found["states"]))
         assert found["axis"] == fitted.axis[joint].tolist()
         offset = observed.to_input(fitted.point[joint]) - found["point"]
@@ -189,5 +179,18 @@ def test_files_are_the_same_bytes_whenever_written() -> None:
 
 
 def test_screw_joints_are_refused() -> None:
+    states = np.insert(model().states, 1, 0.0, axis=1)
+    undecided = model().replace(joint_types=("revolute", "screw", "revolute"), states=states)
     with pytest.raises(ValueError, match=r"joints \[1\] are screws"):
-        to_result(model(("revolute", "screw", "revolute")), sequence())
+        to_result(undecided, sequence())
+
+
+def test_a_ball_joint_has_rotation_vectors_and_limits_of_their_length() -> None:
+    turns = np.random.default_rng(2).normal(scale=0.5, size=(FRAMES, 3))
+    turns[CANONICAL] = 0
+    states = np.concatenate([model().states[:, :1], turns, model().states[:, 2:]], axis=1)
+    fitted = model().replace(joint_types=("revolute", "spherical", "revolute"), states=states)
+    ball = to_result(fitted, sequence()).model.joints[1]
+    assert (ball.type, ball.states) == ("spherical", tuple(map(tuple, turns.tolist())))
+    assert (ball.lower, ball.upper) == (0.0, pytest.approx(np.linalg.norm(turns, axis=1).max()))
+    np.testing.assert_allclose(ball.point, sequence().to_input(fitted.point[1]))  # and not moved along the axis

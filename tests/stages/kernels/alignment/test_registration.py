@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-import torch
 
 from stages.kernels.alignment.registration import Registration, turn_about, twist_jacobian
-from stages.kernels.motion import se3
+from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import normals, spacing
 
@@ -18,7 +17,7 @@ def true_Ts(truth):
 def disturbed(Ts, size, seed=0):
     noise = np.random.default_rng(seed).normal(scale=size, size=(*Ts.shape[:2], 6))
     noise[2] = 0
-    return se3.exp(torch.from_numpy(noise)).numpy() @ Ts
+    return joint_transforms(np.zeros(3), noise) @ Ts
 
 
 def misplacement(Ts, truth):
@@ -96,9 +95,7 @@ def test_contacts_hold_parts_together():
     contacts = np.stack([a, [np.flatnonzero(labels)[((cap[labels == 1] - cap[i]) ** 2).sum(1).argmin()] for i in a]], 1)
     registration = Registration([cap, cap], 0)
     Ts = np.tile(np.eye(4), (2, 2, 1, 1))
-    Ts[1, 1] = se3.exp(
-        torch.tensor([0, 0, 0.4, 0, 0, 0], dtype=torch.float64)
-    ).numpy()  # a ball's half turned on itself
+    Ts[1, 1] = joint_transforms(np.zeros(3), np.array([0, 0, 0.4, 0, 0, 0]))  # a ball's half turned on itself
     free = registration.refine_parts(labels, Ts, contacts, 15, 50.0, 0.0)
     held = registration.refine_parts(labels, Ts, contacts, 15, 50.0, 3.0)
 
