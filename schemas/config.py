@@ -262,7 +262,7 @@ class ProjectionConfig(Settings):
     contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
     root: Literal["still", "middle"] = Field(
         default="still",
-        description="the root: the part that stands still, or that in the middle of the body, as suits people and animals",
+        description="the part that stands still, or the one in the middle of the body, as suits people and animals",
     )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
@@ -313,7 +313,7 @@ class FinalFitConfig(Settings):
     )
     link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
     freedom_price: float = Field(
-        default=60.0,
+        default=30.0,
         ge=0,
         description="a joint of a kind with more degrees of freedom must lower the points' costs by more for each",
     )

@@ -82,7 +82,7 @@ JOINT_KINDS: dict[str, JointKind] = {kind.name: kind for kind in (REVOLUTE, PRIS
 def joint_kind(name: str) -> JointKind:
     """The kind of that name. Raises ValueError for an unknown one."""
     if name not in JOINT_KINDS:
-        raise ValueError(f"expected a kind of joint, one of {', '.join(JOINT_KINDS)}")
+        raise ValueError(f"expected one of {', '.join(JOINT_KINDS)}")
     return JOINT_KINDS[name]
 
 
