@@ -1,7 +1,7 @@
-"""The configuration: one frozen model per stage; unknown keys are refused.
+"""The configuration: one frozen model per stage, which refuses unknown keys.
 
-Lengths are in the normalised frame (the object's diagonal is 1) unless a name says otherwise, so that no
-setting depends on the input's units or the object's size. Presets live in `pipeline/configuration/presets/`.
+Unless a name says otherwise, lengths are in the normalised frame, where the object's diagonal is 1. So no setting
+depends on the input's units or the object's size. Presets are in `pipeline/configuration/presets/`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _checked(config: _SampledConfig) -> _SampledConfig:
 
 
 class RoboartConfig(Settings):
-    """The RoboArt builder: how sequences are made from robot descriptions."""
+    """How sequences are built from robot descriptions."""
 
     sequences_per_robot: int = Field(
         default=1, ge=1, le=1000, description="sequences of each robot, which move differently"
@@ -69,7 +69,7 @@ class RoboartConfig(Settings):
 
 
 class HumansConfig(Settings):
-    """The data set of moving people: how its sequences are sampled."""
+    """How sequences of moving people are sampled."""
 
     frames: int = Field(default=14, ge=2, le=1000)
     frames_per_second: float = Field(default=10.0, gt=0, le=1000)
@@ -90,7 +90,10 @@ class HumansConfig(Settings):
 
 
 class RegistrationConfig(Settings):
-    """Sequences in which every frame has the same surface points, as in D-FAUST: what is taken of them."""
+    """Which frames and how many points are used of registrations such as D-FAUST's.
+
+    Registrations have the same surface points in every frame.
+    """
 
     first: int = Field(default=0, ge=0, description="the first frame that is used, by its number in the file")
     frames: int = Field(default=17, ge=2, le=1000, description="frames that are used at most, from the first on")
@@ -98,7 +101,7 @@ class RegistrationConfig(Settings):
 
 
 class IngestConfig(Settings):
-    """Where frames come from and how they are read."""
+    """The source of the frames and how they are read."""
 
     source: Literal["files", "roboart", "urdf", "humans", "dfaust"] = "files"
     units: NamedUnit = Field(default="unknown", description="the unit of the input's coordinates")
@@ -145,7 +148,7 @@ class NetworkFlowConfig(Settings):
 
 
 class TrainFlowConfig(Settings):
-    """`reart train-flow`: what the feature network is trained on, and how long (A.1)."""
+    """Training data and schedule of the feature network, for `reart train-flow` (A.1)."""
 
     seed: Seed = 0
     robots: tuple[str, ...] = Field(
@@ -171,7 +174,7 @@ class TrainFlowConfig(Settings):
 
 
 class FlowConfig(Settings):
-    """The flow stage."""
+    """The flow stage (A.1)."""
 
     estimator: SwappablePart = Field(default="hybrid", description="registered name or package.module:function")
     geometric: GeometricFlowConfig = GeometricFlowConfig()
@@ -213,7 +216,7 @@ class GumbelConfig(Settings):
 
 
 class AlternatingConfig(Settings):
-    """Solver `alternating`: registration, minimum cuts, merging and splitting in turn."""
+    """Solver `alternating`: rounds of registration, minimum cuts, merging and splitting."""
 
     points: int = Field(default=4096, ge=64, description="points per frame that the fit works on")
     start_parts: int = Field(
@@ -245,7 +248,7 @@ class RelaxedFitConfig(Settings):
 
 
 class ProjectionConfig(Settings):
-    """Eq. 11 and A.2."""
+    """Projection to a kinematic tree (Eq. 11, A.2)."""
 
     joints: tuple[JointType, ...] = Field(
         default=("revolute", "prismatic"),
@@ -260,6 +263,10 @@ class ProjectionConfig(Settings):
         default=60, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
     )
     contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
+    root: Literal["still", "middle"] = Field(
+        default="still",
+        description="the part that stands still, or the one in the middle of the body, as suits people and animals",
+    )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
     )
@@ -271,7 +278,7 @@ class ProjectionConfig(Settings):
 
 
 class MergingConfig(Settings):
-    """A.3, in units of the sampling noise."""
+    """Merging of parts that move alike (A.3)."""
 
     threshold: float = Field(
         default=0.0, ge=0, description="touching parts whose motions differ by less (RMS, in point spacings) become one"
@@ -279,7 +286,7 @@ class MergingConfig(Settings):
 
 
 class CanonicalFrameConfig(Settings):
-    """A.5: which frames are tried as the canonical one."""
+    """Which frames are tried as the canonical one, and how one is chosen (A.5)."""
 
     candidates: int = Field(default=2, ge=1, le=100, description="how many: the middle frame and its neighbours")
     frames: DifferentFrames = Field(default=(), max_length=100, description="these frames instead, where given")
@@ -295,7 +302,7 @@ class CanonicalFrameConfig(Settings):
 
 
 class FinalFitConfig(Settings):
-    """A.4: joints by Levenberg-Marquardt, and labels, links and parts improved under them."""
+    """The final fit (A.4): joints by Levenberg-Marquardt, then labels, links and parts given the joints."""
 
     points: int = Field(default=4096, ge=16, description="points per frame that the fit works on")
     reach: float = Field(default=2.0, gt=0, description="robust reach of matches, in point spacings")
@@ -309,7 +316,7 @@ class FinalFitConfig(Settings):
     )
     link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
     freedom_price: float = Field(
-        default=60.0,
+        default=30.0,
         ge=0,
         description="a joint of a kind with more degrees of freedom must lower the points' costs by more for each",
     )
@@ -329,7 +336,7 @@ class FinalFitConfig(Settings):
 
 
 class EvaluationConfig(Settings):
-    """A.9."""
+    """Evaluation (A.9)."""
 
     reanimation_iterations: int = Field(default=200, ge=1)
     told_points: int = Field(
@@ -338,7 +345,7 @@ class EvaluationConfig(Settings):
 
 
 class ExportConfig(Settings):
-    """The robot description: meshes, masses and limits, which the fit does not tell but a simulator needs."""
+    """The robot description: meshes, masses and limits, which a simulator needs beyond the fit."""
 
     metres_per_unit: float | None = Field(
         default=None,
@@ -368,7 +375,7 @@ class ExportConfig(Settings):
 
 
 class PipelineConfig(Settings):
-    """Everything that a run depends on, but for its input files."""
+    """Everything that a run depends on, except its input files."""
 
     seed: Seed = 0
     ingest: IngestConfig = IngestConfig()

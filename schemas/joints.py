@@ -1,4 +1,4 @@
-"""Kinds of joints: one row a kind. Whatever depends on the kind of a joint follows from its row."""
+"""The table of joint kinds, with one row for each kind. Everything that depends on a kind follows from its row."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ DEGREES: dict[Freedom, int] = {"none": 0, "axis": 1, "all": 3}
 
 @dataclass(frozen=True)
 class JointKind:
-    """What a joint lets its child do: turn about the joint's point, then slide.
+    """The motion that a kind of joint allows: its child turns about the joint's point, then slides.
 
-    The state of a joint has a number for each degree of freedom. Angles come first, in radians; three of them are a
-    rotation vector. Lengths follow.
+    A joint's state has one number for each degree of freedom: first angles in radians, then lengths. Three angles form
+    a rotation vector.
     """
 
     name: str
@@ -31,26 +31,26 @@ class JointKind:
 
     @property
     def angles(self) -> int:
-        """How many numbers of a state are angles."""
+        """The number of angles in a state."""
         return DEGREES[self.turns]
 
     @property
     def size(self) -> int:
-        """How many numbers a state has."""
+        """The number of values in a state."""
         return DEGREES[self.turns] + DEGREES[self.slides]
 
     @property
     def is_ball(self) -> bool:
-        """Whether the angles are a rotation vector. Limits are of its length."""
+        """Whether the angles form a rotation vector. Limits then apply to its length."""
         return self.turns == "all"
 
     @property
     def has_axis(self) -> bool:
-        """Whether the motion has a direction of its own."""
+        """Whether the motion has a direction."""
         return "axis" in (self.turns, self.slides)
 
     def basis(self, axis: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "size 6"]:
-        """The motion, a rotation vector and a slide, that a unit of each number of the state adds."""
+        """One row for each number of the state: the rotation vector and the slide that one unit of it adds."""
         directions = {"none": np.zeros((0, 3)), "axis": axis[None], "all": np.eye(3)}
         basis = np.zeros((self.size, 6))
         basis[: self.angles, :3] = directions[self.turns]
@@ -58,11 +58,11 @@ class JointKind:
         return basis
 
     def units(self, length: float) -> Float64[np.ndarray, "size"]:
-        """The unit of each number of a state: one radian, or `length`."""
+        """The unit of each number of a state: one radian or `length`."""
         return np.repeat([1.0, length], [self.angles, self.size - self.angles])
 
     def symbols(self, length: str) -> tuple[str, ...]:
-        """The symbol of each number's unit: rad, or that of `length`."""
+        """The unit symbol of each number of a state: rad, or that of `length`."""
         return ("rad",) * self.angles + (length,) * (self.size - self.angles)
 
 
@@ -80,9 +80,9 @@ JOINT_KINDS: dict[str, JointKind] = {kind.name: kind for kind in (REVOLUTE, PRIS
 
 
 def joint_kind(name: str) -> JointKind:
-    """The kind of that name. Raises ValueError for an unknown one."""
+    """Look up a kind by its name. Raises ValueError for an unknown name."""
     if name not in JOINT_KINDS:
-        raise ValueError(f"expected a kind of joint, one of {', '.join(JOINT_KINDS)}")
+        raise ValueError(f"expected one of {', '.join(JOINT_KINDS)}")
     return JOINT_KINDS[name]
 
 
@@ -98,9 +98,9 @@ Links = Sequence[int] | Int64[np.ndarray, "joints"]
 
 
 def parents_first(parent: Links, child: Links) -> list[int]:
-    """The joints of a tree, each after that of its parent.
+    """Order the joints of a tree so that each follows the joint that moves its parent part.
 
-    Joints whose parent is nobody's child come first. Joints that close a loop are left out.
+    Joints at a root come first. Joints that close a loop are left out.
     """
     children: dict[int, list[int]] = {}
     for joint, part in enumerate(np.asarray(parent).tolist()):
@@ -118,7 +118,7 @@ def parents_first(parent: Links, child: Links) -> list[int]:
 
 
 def is_tree(parent: Links, child: Links, root: int) -> bool:
-    """Whether joints link parts, numbered from zero, to one tree: all but the root are the child of one joint."""
+    """Whether the joints form one tree of parts: every part except the root is the child of exactly one joint."""
     parts = list(range(len(child) + 1))
     return (
         sorted([root, *np.asarray(child).tolist()]) == parts

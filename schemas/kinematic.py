@@ -1,4 +1,4 @@
-"""The kinematic model that projection, merging and the final fit hand on, and the choice among candidates."""
+"""The kinematic model that projection, merging and the final fit exchange, and the choice among candidates."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ CONFIDENCES = ("part", "link", "type")
 
 
 class KinematicModel(Artifact):
-    """Rigid parts, linked to a tree by screw joints; normalised coordinates of the canonical frame.
+    """Rigid parts that joints link to a tree, in normalised coordinates of the canonical frame.
 
-    Joint j moves part `joint_child[j]` against `joint_parent[j]`; every part but the root is the child of
-    exactly one joint. `states` has a column for each number of a joint's state, as its kind says (schemas.joints), one
-    joint after the other. Before the final fit all joints are screws, which turn about their axis and slide along it.
-    States are zero in the canonical frame.
+    Joint j moves part `joint_child[j]` relative to `joint_parent[j]`. Every part except the root is the child of
+    exactly one joint. Before the final fit all joints are screws, which turn about their axis and slide along it.
 
-    `confidence` has a column for each of CONFIDENCES: whether both parts are ones of their own, whether they are linked
-    to each other by one degree of freedom, and whether that is of the joint's type. Only the final fit tells it.
+    `states` has a column for each number of a joint's state (schemas.joints), joint after joint. States are zero in
+    the canonical frame.
+
+    `confidence` has a column for each of CONFIDENCES: that both parts are distinct parts, that one degree of freedom
+    links them to each other, and that the joint has the stated type. Only the final fit sets it.
     """
 
     canonical_frame: Annotated[int, Within(0, "frames")]
@@ -58,7 +59,7 @@ class KinematicModel(Artifact):
         return self.Ts_frame_canonical.shape[1]
 
     def parents(self) -> Int64[np.ndarray, "parts"]:
-        """The parent of each part; -1 for the root."""
+        """The parent of each part, -1 for the root."""
         parents = np.full(self.part_count, -1, dtype=np.int64)
         parents[self.joint_child] = self.joint_parent
         return parents
@@ -98,7 +99,7 @@ class KinematicModel(Artifact):
 
 
 class Candidate(Schema):
-    """One candidate canonical frame and what speaks for it."""
+    """One candidate canonical frame and its energies."""
 
     frame: int = Field(ge=0)
     parts: int = Field(ge=1)

@@ -1,4 +1,4 @@
-"""What stands beside an artifact's arrays: where it came from, what it holds, and why a stage failed."""
+"""The records beside an artifact's arrays: its provenance and content, or why a stage failed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from schemas.names import Name
 
 
 class Provenance(Schema):
-    """How an artifact was made: enough to make it again."""
+    """How an artifact was made, in enough detail to make it again."""
 
     stage: Name
     version: int = Field(description="version of the stage's code; a new one makes new keys")
@@ -30,7 +30,7 @@ class Provenance(Schema):
 
 
 class ArrayEntry(Schema):
-    """One array of `arrays.zarr`. `name` is its path there: `points`, or `sequence/points` where nested."""
+    """One array of `arrays.zarr`. `name` is its path there: `points`, or `sequence/points` if nested."""
 
     name: str
     dtype: str
@@ -41,7 +41,7 @@ class ArrayEntry(Schema):
 
 
 class Manifest(Provenance):
-    """`manifest.json`. It is written last: an artifact is complete when its manifest is there."""
+    """`manifest.json`, which is written last. An artifact is complete when its manifest exists."""
 
     schema_version: Literal[1] = 1
     arrays: tuple[ArrayEntry, ...]

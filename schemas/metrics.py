@@ -1,4 +1,4 @@
-"""What the evaluation stage writes (A.9)."""
+"""The artifact of the evaluation stage (A.9)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from schemas.artifact import Artifact, Schema
 
 
 class JointMetrics(Schema):
-    """One true joint and the predicted joint that links the same two parts, if there is one."""
+    """One true joint and the predicted joint between the same two parts, if there is one."""
 
     name: str
     true_type: str
@@ -25,16 +25,16 @@ class JointMetrics(Schema):
 
 
 class JointVerdict(Schema):
-    """How sure the model is of a predicted joint (the least of its confidences), and whether rightly so."""
+    """The confidence of a predicted joint (the least of its three), and whether the joint is right."""
 
     confidence: float = Field(ge=0, le=1)
     right: bool = Field(description="it links two parts that were matched to those of one true joint")
 
 
 class Metrics(Artifact):
-    """Yardsticks of one sequence. Lengths in the input's units, and in % of the object's diagonal.
+    """The metrics of one sequence. Lengths are in the input's units and in % of the object's diagonal.
 
-    Without ground truth every figure that needs it is None; the Chamfer distance never does.
+    Metrics that need ground truth are None without it. The Chamfer distance needs none.
     """
 
     units: str

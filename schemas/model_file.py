@@ -1,4 +1,4 @@
-"""The result's contract: model.json and model.npz, as other programs read them."""
+"""The contract of model.json and model.npz, which other programs read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 else:
 
     class Float32or64(AbstractDtype):
-        """Real numbers of one of two precisions."""
+        """Real numbers in single or double precision."""
 
         dtypes = ("float32", "float64")
 
@@ -32,7 +32,7 @@ Numbers = float | tuple[float, ...]
 
 
 def are(numbers: Numbers, count: int) -> bool:
-    """Whether there are so many numbers: a plain one, or several in a tuple."""
+    """Whether there are `count` numbers: one plain number, or a tuple of several."""
     return isinstance(numbers, tuple) == (count != 1) and np.size(numbers) == count
 
 
@@ -43,7 +43,7 @@ class ModelPart(Schema):
 
 
 class JointConfidence(Schema):
-    """How sure the fit is, from 0 to 1, that both parts are ones of their own, of their link, and of its type."""
+    """The fit's confidence, from 0 to 1, in the two parts, in their link and in the joint's type."""
 
     part: float = Field(ge=0, le=1)
     link: float = Field(ge=0, le=1)
@@ -51,11 +51,11 @@ class JointConfidence(Schema):
 
 
 class ModelJoint(Schema):
-    """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates.
+    """One joint, in the canonical frame. Lengths are in the input's units, angles in radians.
 
-    `point` is that of the axis next to where the joint's parts touch, as far as the fit knows.
-    A spherical joint turns about it by its states, rotation vectors; `lower` and `upper` are of their lengths. A joint
-    of several other degrees of freedom has a number for each of them in its states and limits (schemas.joints).
+    `point` is the point of the axis nearest to where the joint's parts touch, as far as the fit knows. A spherical
+    joint turns about it; its states are rotation vectors, and `lower` and `upper` limit their lengths. Any other joint
+    with several degrees of freedom has one number for each in its states and limits (schemas.joints).
     """
 
     id: int
@@ -76,20 +76,20 @@ class ModelJoint(Schema):
 
     @property
     def lowers(self) -> tuple[float, ...]:
-        """The least of each size (`sizes`)."""
+        """The lower limit of each of `sizes`."""
         return self.lower if isinstance(self.lower, tuple) else (self.lower,)
 
     @property
     def uppers(self) -> tuple[float, ...]:
-        """The greatest of each size (`sizes`)."""
+        """The upper limit of each of `sizes`."""
         return self.upper if isinstance(self.upper, tuple) else (self.upper,)
 
     def ranges(self, length: str) -> list[tuple[float, float, str]]:
-        """The limits of each size, and the symbol of its unit; `length` is that of lengths."""
+        """Lower limit, upper limit and unit symbol of each of `sizes`. `length` is the symbol for lengths."""
         return list(zip(self.lowers, self.uppers, self.kind.symbols(length), strict=False))
 
     def sizes(self, state: Numbers) -> tuple[float, ...]:
-        """What limits are of: the numbers of a state, or the length of a rotation vector."""
+        """The quantities that have limits: the numbers of a state, or the length of a rotation vector."""
         if self.kind.is_ball:
             return (math.hypot(*np.atleast_1d(state)),)
         return tuple(np.atleast_1d(state).tolist())
@@ -116,10 +116,10 @@ class ModelJoint(Schema):
 
 
 class ModelFile(Schema):
-    """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
+    """The content of model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
 
-    In version 2 canonical_points are 64-bit floats, since 32-bit ones would lose digits that tell the points apart.
-    The digests are missing in files of an earlier release; one that is edited by hand must lose its own.
+    In version 2 canonical_points are 64-bit floats, because 32-bit floats cannot separate nearby points far from the
+    origin. Files of earlier releases have no digests. Whoever edits a file by hand must remove its digest.
     """
 
     format: Literal["rearticulate/model"] = "rearticulate/model"
@@ -135,11 +135,11 @@ class ModelFile(Schema):
 
     @property
     def digest(self) -> str:
-        """What tells this model from others: of all that model.json says."""
+        """A digest of the whole content of model.json, which identifies this model."""
         return sha256(self.model_dump_json(exclude={"json_sha256", "npz_sha256"}).encode())[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
-        """The joints, each after its parent part's own."""
+        """The joints, each after the joint that moves its parent part."""
         order = parents_first([joint.parent for joint in self.joints], [joint.child for joint in self.joints])
         return [self.joints[index] for index in order]
 
@@ -173,7 +173,7 @@ class ModelFile(Schema):
 
 
 class Result(Artifact):
-    """The artifact of the last stage: what model.json and model.npz hold, in the input's units."""
+    """The artifact of the result stage: the content of model.json and model.npz, in the input's units."""
 
     model: ModelFile
     canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]

@@ -1,4 +1,4 @@
-"""A robot description: what a URDF or an MJCF file says of a model, in metres, kilograms and radians."""
+"""A robot description: the content of a URDF or MJCF file, in metres, kilograms and radians."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SolidKind = Literal["mesh", "hull", "none"]
 
 
 class RobotMesh(Schema):
-    """One mesh of a link; its vertices and triangles follow those of the meshes before it in the robot's arrays."""
+    """One mesh of a link. The robot's arrays hold the vertices and triangles of all meshes in their order."""
 
     link: int
     role: MeshRole
@@ -29,8 +29,8 @@ class RobotMesh(Schema):
 class RobotLink(Schema):
     """A rigid part. Its frame has the canonical frame's orientation.
 
-    The root's is the canonical frame itself, or where that lies so far away that meshes would lose digits, beside the
-    object.
+    The root's frame is the canonical frame. If that lies so far away that meshes would lose digits, the root's frame
+    is moved to the object.
     """
 
     name: str
@@ -45,10 +45,10 @@ class RobotLink(Schema):
 
 
 class RobotJoint(Schema):
-    """A joint at its child's origin; `axis` is in the frame of either link, as both have one orientation at zero.
+    """A joint at its child's origin. At zero both links have the same orientation, so `axis` holds in either frame.
 
-    A simulator knows hinges, slides and balls. Where a joint of the model is none of these, several joints of one child
-    follow each other, slides first. The states of a ball are rotation vectors, and its limits are of their lengths.
+    Simulators know hinges, slides and balls. A joint of any other kind becomes several joints of one child, slides
+    first. The states of a ball are rotation vectors, and its limits apply to their lengths.
     """
 
     name: str
@@ -65,7 +65,7 @@ class RobotJoint(Schema):
 
 
 class Robot(Artifact):
-    """Links in the model's order, joints from the root outwards, and the meshes one after the other."""
+    """Links in the model's order, joints from the root outwards, and all meshes in shared arrays."""
 
     name: str
     metres_per_unit: float

@@ -1,4 +1,4 @@
-"""What ingest writes: the observed sequence and, where there is one, its ground truth."""
+"""The artifact of ingest: the observed sequence and its ground truth, if known."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ LENGTH_SYMBOLS: dict[LengthUnit, str] = {
     "unknown": "input units",
 }
 METRES: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001}
-MOST_POINTS = 2**40  # of a frame
+MOST_POINTS = 2**40  # in one frame
 
 
 class PointSequence(Artifact):
     """T independently sampled point clouds, in a normalised frame.
 
     The normalised frame is centred on the object and scaled so that the diagonal of its bounding box is
-    one: `p_input = p_normalised * scale + centre`. The frames lie one after the other in `points`;
-    frame t holds `point_counts[t]` of them, in the input's order.
+    one: `p_input = p_normalised * scale + centre`. `points` holds the frames one after the other. Frame t has
+    `point_counts[t]` points, in the input's order.
     """
 
     points: Annotated[Float64[np.ndarray, "all_points 3"], Unit("normalised")]
@@ -68,11 +68,11 @@ class PointSequence(Artifact):
         return self.by_frame(self.points)
 
     def by_frame(self, values: np.ndarray) -> list[np.ndarray]:
-        """What every point has, in the order of `points`, as views: one for each frame."""
+        """Split values of all points, in the order of `points`, into one view per frame."""
         return np.split(values, np.cumsum(self.point_counts)[:-1])
 
     def to_input(self, p_normalised: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
-        """Normalised coordinates to the input's coordinates and units."""
+        """Convert normalised coordinates to the input's coordinates and units."""
         return p_normalised * self.scale + np.asarray(self.centre)
 
 
@@ -98,7 +98,7 @@ class TrueJoint(Schema):
 class GroundTruth(Artifact):
     """True parts, motions and tree of a sequence.
 
-    `parent[p]` is -1 for the root, and -1 for every part where the tree is unknown.
+    `parent[p]` is -1 for the root. If the tree is unknown, it is -1 for every part.
     """
 
     labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index"), Within(0, "parts")]
@@ -128,10 +128,10 @@ class GroundTruth(Artifact):
 
 
 class TrueSurface(Artifact):
-    """A surface, rigid or soft, whose points are known in every frame, and where on it the observed points lie.
+    """A rigid or soft surface with known vertices in every frame, and the places of the observed points on it.
 
-    Point i of `PointSequence.points` was sampled, in its own frame, at the mean of the vertices `corners[i]` with the
-    weights `weights[i]`, which add up to one.
+    Point i of `PointSequence.points` was sampled in its own frame at the mean of the vertices `corners[i]`, weighted by
+    `weights[i]`, which add up to one.
     """
 
     vertices: Annotated[Float64[np.ndarray, "frames vertices 3"], Unit("normalised")]
@@ -142,8 +142,8 @@ class TrueSurface(Artifact):
 class IngestedSequence(Artifact):
     """The artifact of the ingest stage. Only evaluation and pictures read the truth; other stages get `sequence`.
 
-    `truth` tells the parts, where the source does, and `surface` where each point lies in every frame, where parts that
-    move rigidly do not tell it.
+    `truth` holds the parts, if the source knows them. `surface` holds the place of each point in every frame, if rigid
+    parts do not determine it.
     """
 
     sequence: PointSequence
@@ -151,15 +151,15 @@ class IngestedSequence(Artifact):
     surface: TrueSurface | None = None
 
     def true_labels(self, frame: int) -> Int64[np.ndarray, "points"] | None:
-        """The true part of each point of a frame; None where there is no ground truth."""
+        """The true part of each point of a frame, or None without ground truth."""
         if self.truth is None:
             return None
         return self.sequence.by_frame(self.truth.labels)[frame]
 
     def on_surface(self, frame: int) -> Float64[np.ndarray, "frames points 3"] | None:
-        """Where the points of a frame truly lie in every frame, by the surface; None where there is none.
+        """True positions in every frame of the points of one frame, from the surface; None without a surface.
 
-        A point that was observed beside the surface stays beside it by as much.
+        A point keeps its observed offset from the surface.
         """
         if self.surface is None:
             return None

@@ -29,6 +29,7 @@ DATASETS = (
     "humans",
     "dfaust",
 )
+BODIES = ("humans", "dfaust")  # on top of the preset bodies
 DEEPEST = 10  # tables in tables; no setting is as deep, and reading deeper ones may take all of the stack
 LONGEST_SHOWN = 100  # characters of a value that cannot be used
 

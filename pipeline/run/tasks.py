@@ -161,9 +161,8 @@ class FinalFitTask(CandidateTask):
 
         model, sequence = inputs["merging"], inputs["ingest"].sequence
         settings = given.settings
-        return fit_final(
-            model, sequence, inputs["flow"], settings.final_fit, settings.projection, given.rng, given.progress
-        )
+        kinds = settings.projection.kinds
+        return fit_final(model, sequence, inputs["flow"], settings.final_fit, given.rng, given.progress, kinds)
 
 
 class CanonicalFrameTask(StageTask):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -40,17 +40,19 @@ def add_freedom(
 ) -> Fit:
     """The tree fitted to the free motions, with more freedom in its joints where the frames ask for it.
 
-    A joint gets a further link within it where that lowers the points' costs by more than `link_price`. Then a joint
-    becomes one of a kind with more degrees of freedom where that lowers them by more than `freedom_price` for each. The
-    greatest gain comes first. Links come first since they explain most motions as well as a ball joint does. Without a
-    link price none are inserted. Where the root itself moves about one fixed axis, it is hung on a still base. New
-    links have no points yet.
+    A joint gets a further link within it where that lowers the points' costs by more than `link_price`, or becomes one
+    of a kind with more degrees of freedom where that lowers them by more than `freedom_price` for each. The greatest
+    gain comes first. Kinds with more freedom than a further link gives, as ball joints have, come after all links: both
+    explain most motions of few frames as well. Without a link price none are inserted. Where the root itself moves
+    about one fixed axis, it is hung on a still base. New links have no points yet.
     """
     trials = _Trials(fit.labels, frames, Ts_free)
     chain = trials.fit(fit.chain, SETTLE)
     if link_price is not None:
-        chain = trials.freed(chain, lambda chain, joint: trials.with_link(chain, joint, link_price))
-    chain = trials.freed(chain, lambda chain, joint: trials.with_kinds(chain, joint, freedom_price))
+        pairs = partial(trials.with_link, price=link_price)
+        kinds = partial(trials.with_kinds, price=freedom_price, most=1)  # as much freedom as a link gives
+        chain = trials.freed(chain, lambda chain, joint: pairs(chain, joint) + kinds(chain, joint))
+    chain = trials.freed(chain, partial(trials.with_kinds, price=freedom_price))
     return Fit(_on_still_base(trials.fit(chain, SETTLE), fit.labels, frames), fit.labels)
 
 
@@ -112,8 +114,11 @@ class _Trials:
         pair = self.pair(chain, int(chain.tree.parent[joint]), int(chain.tree.child[joint]))
         return [] if pair is None else [_Trial(_with_link(chain, joint, pair), price)]
 
-    def with_kinds(self, chain: Chain, joint: int, price: float) -> list[_Trial]:
-        """The chain with one of its joints made one of each kind with more freedom; none where a part is unseen."""
+    def with_kinds(self, chain: Chain, joint: int, price: float, most: int = 6) -> list[_Trial]:
+        """The chain with one of its joints made one of each kind with more freedom; none where a part is unseen.
+
+        `most` is the number of further degrees that a kind may have.
+        """
         own = chain.joint(joint)
         p_child = self.frames.p[self.labels == own.child]
         if len(p_child) == 0 or not (self.labels == own.parent).any():
@@ -121,7 +126,7 @@ class _Trials:
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion, trials = inverse(self.Ts_free[:, own.parent]) @ self.Ts_free[:, own.child], []
         for kind in self.frames.kinds:
-            if kind.size > own.kind.size:
+            if own.kind.size < kind.size <= own.kind.size + most:
                 fit = fit_joint([kind], motion, p_child).since(self.frames.canonical_frame)
                 joints = chain.joints()
                 joints[joint] = Joint.of(fit, own.parent, own.child)

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from pipeline.store import artifacts
 from schemas.config import EvaluationConfig, FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.joints import PRISMATIC, REVOLUTE
@@ -73,12 +74,12 @@ def ingested():
 def finished_run(folder, ingested, model):
     """The artifacts that a run leaves of a sequence whose model this is."""
     metrics = evaluate(model, ingested, EvaluationConfig(), np.random.default_rng(0))
-    artifacts = {
+    made = {
         "ingest": ingested,
         "canonical_frame": CanonicalChoice(candidates=(), model=model),
         "evaluation": metrics,
     }
-    for stage, artifact in artifacts.items():
+    for stage, artifact in made.items():
         provenance = Provenance(
             stage=stage,
             version=1,

@@ -19,7 +19,7 @@ from schemas.errors import InputError
 
 NO_STAGES = {"kernels", "support", "rearticulation"}
 HEAVY = {"torch", "open3d", "scipy", "networkx", "sklearn", "matplotlib"}
-VALUES = (True, False, 2, 3, 100, 0.5, 1.5, "metre", "mine:function", Path("other"), (1.0, 2.0), (1,))
+VALUES = (True, False, 2, 3, 100, 0.5, 1.5, "metre", "mine:function", Path("other"), (1.0, 2.0), (1,), ("spherical",))
 
 
 def leaves(config, prefix=()):

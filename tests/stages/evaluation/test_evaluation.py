@@ -357,7 +357,8 @@ def ball_model(data: IngestedSequence, aside: float) -> KinematicModel:
     point = model.point.copy()
     point[1] = moved(data.truth.Ts_frame_first[CANONICAL], np.array([2]), POINT[1:2])[0] + [0, aside, 0]
     types = (TYPES[0], "spherical", TYPES[2])
-    return model.model_copy(update={"joint_types": types, "point": point})
+    states = np.zeros((model.states.shape[0], 5))
+    return model.replace(joint_types=types, point=point, states=states)
 
 
 def ball_truth(data: IngestedSequence) -> IngestedSequence:

@@ -61,11 +61,6 @@ def test_a_part_without_points_is_a_light_link_without_meshes(hinge, fit_of):
     assert {mesh.link for mesh in robot.meshes} == {0}
 
 
-def test_a_ball_joint_is_refused(hinge, fit_of):
-    with pytest.raises(InputError, match="joint_0_1: found a spherical joint"):
-        describe(with_joint(fit_of(hinge), type="spherical"), None, CONFIG, "box")
-
-
 def test_points_in_one_place_are_refused(hinge, fit_of):
     result = fit_of(hinge)
     with pytest.raises(InputError, match="canonical_points: found one place only"):

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-import stages.final_fit
 from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.joints import REVOLUTE
+from stages.final_fit import stage
 from stages.final_fit.stage import fit_final
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.projection.stage import link_parts
@@ -138,7 +138,7 @@ def test_coordinates_that_have_lost_their_digits_lower_the_confidence(hinge):
 def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
     """The same parts, of five frames and of two: what two tell is paid as much for each part as nine would."""
     prices = []
-    monkeypatch.setattr(stages.final_fit, "prune", lambda fit, frames, price, iterations: prices.append(price) or fit)
+    monkeypatch.setattr(stage, "prune", lambda fit, frames, price, iterations: prices.append(price) or fit)
     two = [2, 3]
     sequence = hinge.sequence.replace(
         points=np.concatenate([hinge.sequence.frames()[t] for t in two]),
