@@ -56,7 +56,7 @@ class Body:
         return hull, "hull"
 
 
-def describe(
+def compute_export(
     result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, config: ExportConfig, name: str
 ) -> Robot:
     """The robot description of a model; `frames`, in the input's coordinates, make its meshes denser where given.

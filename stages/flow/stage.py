@@ -45,7 +45,7 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-def estimate_flow(
+def compute_flow(
     sequence: PointSequence, config: FlowConfig, rng: np.random.Generator, progress: Progress = silent
 ) -> Flow:
     """Flow of every consecutive frame pair, by the estimator that the configuration names.

@@ -18,7 +18,7 @@ SURFACE_NEIGHBOURS = 8
 CONTACT = 5  # parts touch where at least so many pairs of neighbouring points cross from one to the other
 
 
-def merge(
+def compute_merging(
     model: KinematicModel, sequence: PointSequence, config: MergingConfig, projection: ProjectionConfig
 ) -> KinematicModel:
     """Merge parts that are linked or touch, nearest in space first, until every E_merge >= the threshold; none at zero.

@@ -20,7 +20,7 @@ from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points, point_spacing
 
 
-def project(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
+def compute_projection(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
     """The tree that minimises l_spatial E_spatial + l_1DOF E_1DOF, with a screw for each link (Eq. 11)."""
     p_canonical = sequence.frames()[relaxed.canonical_frame]
     return link_parts(p_canonical, relaxed.labels, relaxed.Ts_frame_canonical, relaxed.canonical_frame, config)

@@ -19,7 +19,7 @@ from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
 
 
-def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
+def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
     """The model in the canonical frame's input coordinates, as other programs read it.
 
     Raises ValueError for a model with screw joints: those are decided by the final fit.

@@ -9,7 +9,7 @@ import trimesh
 import yourdfpy
 
 from schemas.config import ExportConfig
-from stages.export.stage import WRITERS, describe
+from stages.export.stage import WRITERS, compute_export
 from stages.kernels.points.sampling import point_spacing
 from stages.result.stage import result_files
 
@@ -20,7 +20,7 @@ FINE = 1e-6  # of the points' spacing: what is told of motions is as fine
 def exported(near_and_far, tmp_path):
     scene, result = near_and_far[1]
     frames = [scene.sequence.to_input(frame) for frame in scene.sequence.frames()]
-    robot = describe(result, frames, ExportConfig(triangles=400), "far")
+    robot = compute_export(result, frames, ExportConfig(triangles=400), "far")
     (tmp_path / "meshes").mkdir()
     for write in WRITERS.values():
         for file, content in write(robot).items():
