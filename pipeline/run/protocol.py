@@ -52,24 +52,24 @@ class Event(Schema):
         return message.encode("utf-8", "backslashreplace").decode()[:MESSAGE_LIMIT]
 
 
-Report = Callable[[Event], None]
+Listener = Callable[[Event], None]
 
 
 def ignore(event: Event) -> None:
-    """A report that nobody reads."""
+    """A listener that hears nothing."""
 
 
-def write_to_pipe(handle: int) -> Report:
-    """A report that writes JSON lines to a pipe.
+def write_to_pipe(handle: int) -> Listener:
+    """A listener that writes events to a pipe, as lines of JSON.
 
     One `os.write` below PIPE_BUF (4096 bytes) is atomic, so workers share the pipe without a lock that a
     killed one could take with it. Where nobody listens any more the process ends.
     """
 
-    def report(event: Event) -> None:
+    def notify(event: Event) -> None:
         try:
             os.write(handle, event.model_dump_json().encode() + b"\n")
         except BrokenPipeError:
             os._exit(1)
 
-    return report
+    return notify
