@@ -23,7 +23,7 @@ from stages.rearticulation.solver import rearticulate
 TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
 
 
-def evaluate(
+def compute_evaluation(
     model: KinematicModel, ingested: IngestedSequence, config: EvaluationConfig, rng: np.random.Generator
 ) -> Metrics:
     """Measure a model against its sequence and, where there is one, against the ground truth (A.9).

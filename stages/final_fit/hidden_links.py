@@ -79,13 +79,13 @@ class _Trials:
     @cached_property
     def model(self) -> MotionModel:
         equations = self.frames.registration.linearise(self.labels, self.Ts_free, self.frames.reach)
-        return MotionModel(equations, self.Ts_free, self.frames.noise)
+        return MotionModel(equations, self.Ts_free, self.frames.spacing)
 
     def cost(self, chain: Chain) -> float:
         return self.model(chain.Ts).cost
 
     def fit(self, chain: Chain, iterations: int) -> Chain:
-        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
+        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.spacing, iterations)
 
     def freed(self, chain: Chain, offers: Offers) -> Chain:
         """The chain with what is offered for its joints wherever that is worth its price, the greatest gain first."""
@@ -151,9 +151,9 @@ class _Trials:
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
         left = float(fit_joint(frames.plain_kinds, motion, p_child).rms)
-        if left <= TOLERATED * frames.noise:
+        if left <= TOLERATED * frames.spacing:
             return None
-        pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.noise, PAIR_STEPS)
+        pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.spacing, PAIR_STEPS)
         return pair if pair.residual < EXPLAINED * left else None
 
 
@@ -193,6 +193,6 @@ def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Fr
         return chain
     p_root = p_root[farthest_points(p_root, JOINT_SAMPLES)]
     turn = fit_joint([REVOLUTE], chain.T_frame_root, p_root).since(frames.canonical_frame)
-    if turn.rms > STILL_BASE * frames.noise:
+    if turn.rms > STILL_BASE * frames.spacing:
         return chain
     return Chain.of([Joint.of(turn, base, root), *chain.joints()], base, chain.T_frame_root, free_root=False)

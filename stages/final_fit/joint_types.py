@@ -44,7 +44,7 @@ def simplify_joints(fit: Fit, frames: Frames, freedom_price: float) -> Fit:
 
     Judged by the quadratic model of the frames about the fit's own motions; nothing is matched anew.
     """
-    chain, spacing = fit.chain, frames.noise
+    chain, spacing = fit.chain, frames.spacing
     freer = [index for index, kind in enumerate(chain.tree.kinds) if kind not in frames.plain_kinds]
     if not freer:
         return fit

@@ -57,4 +57,4 @@ def _contacts(labels: Int64[np.ndarray, "points"], frames: Frames, part: int, ot
     p_part, p_other = (frames.p[labels == number] for number in (part, other))
     if len(p_part) == 0 or len(p_other) == 0:
         return 0
-    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.noise).sum())
+    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.spacing).sum())

@@ -26,7 +26,7 @@ STEPS = 4
 SETTLED = 0.003  # share of labels that change in a round, below which a fit has settled
 
 
-def fit_final(
+def compute_final_fit(
     model: KinematicModel,
     sequence: PointSequence,
     flow: Flow,

@@ -10,7 +10,7 @@ from stages.ingest.sources import Source
 from stages.support.progress import Progress, silent
 
 
-def ingest(
+def compute_ingest(
     source: Source, config: IngestConfig, rng: np.random.Generator, progress: Progress = silent
 ) -> IngestedSequence:
     """The sequence that `source` stands for, in the normalised frame. Raises InputError where it cannot be used."""

@@ -11,14 +11,14 @@ from schemas.sequence import PointSequence
 from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import neighbours
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 from stages.projection.stage import link_parts, spatial_energies
 
 SURFACE_NEIGHBOURS = 8
 CONTACT = 5  # parts touch where at least so many pairs of neighbouring points cross from one to the other
 
 
-def merge(
+def compute_merging(
     model: KinematicModel, sequence: PointSequence, config: MergingConfig, projection: ProjectionConfig
 ) -> KinematicModel:
     """Merge parts that are linked or touch, nearest in space first, until every E_merge >= the threshold; none at zero.
@@ -36,7 +36,7 @@ def merge(
     pairs = np.concatenate([links, touching_parts(p_canonical, model.labels)])
     apart = spatial_energies(p_canonical, model.labels, 0.0)
     nearest_first = pairs[np.argsort(apart[pairs[:, 0], pairs[:, 1]], kind="stable")]
-    groups = merge_alike(parts, nearest_first, config.threshold * spacing(p_canonical))
+    groups = merge_alike(parts, nearest_first, config.threshold * point_spacing(p_canonical))
     labels = groups[model.labels]
     merged = moments(p_canonical, trajectories, labels, groups.max() + 1)
     Ts = np.ascontiguousarray(rigid_motion(merged).transpose(1, 0, 2, 3))

@@ -17,10 +17,10 @@ from schemas.sequence import PointSequence
 from stages.kernels.kinematics.closed_form import JointFit, fit_joint
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import farthest_points, spacing
+from stages.kernels.points.sampling import farthest_points, point_spacing
 
 
-def project(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
+def compute_projection(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
     """The tree that minimises l_spatial E_spatial + l_1DOF E_1DOF, with a screw for each link (Eq. 11)."""
     p_canonical = sequence.frames()[relaxed.canonical_frame]
     return link_parts(p_canonical, relaxed.labels, relaxed.Ts_frame_canonical, relaxed.canonical_frame, config)
@@ -35,8 +35,8 @@ def link_parts(
 ) -> KinematicModel:
     """Link labelled parts with known motions."""
     samples = part_samples(p_canonical, labels, config.samples_per_part)
-    noise = spacing(p_canonical)
-    spatial = spatial_energies(p_canonical, labels, config.contact * noise)
+    spacing = point_spacing(p_canonical)
+    spatial = spatial_energies(p_canonical, labels, config.contact * spacing)
     fits = relative_joints(SCREW, samples, Ts_frame_canonical)
     rotating = [kind for kind in config.kinds if kind.is_ball]
     left = relative_joints(rotating[0], samples, Ts_frame_canonical).mean_square if rotating else fits.mean_square
@@ -47,7 +47,7 @@ def link_parts(
     if config.root == "middle":
         root = middle_part(tree, sizes)
     else:
-        root = base_part(samples, Ts_frame_canonical, sizes, config.still * noise)
+        root = base_part(samples, Ts_frame_canonical, sizes, config.still * spacing)
     links = directed(tree, root)
     parent, child = links[:, 0], links[:, 1]
     states = np.concatenate(

@@ -11,7 +11,7 @@ from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation.stage import evaluate
+from stages.evaluation.stage import compute_evaluation
 from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import move_points
 
@@ -73,7 +73,7 @@ def ingested():
 
 def finished_run(folder, ingested, model):
     """The artifacts that a run leaves of a sequence whose model this is."""
-    metrics = evaluate(model, ingested, EvaluationConfig(), np.random.default_rng(0))
+    metrics = compute_evaluation(model, ingested, EvaluationConfig(), np.random.default_rng(0))
     made = {
         "ingest": ingested,
         "canonical_frame": CanonicalChoice(candidates=(), model=model),

@@ -12,7 +12,7 @@ from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
-from stages.evaluation.stage import chamfer_distance, evaluate, joint_errors, line_distance
+from stages.evaluation.stage import chamfer_distance, compute_evaluation, joint_errors, line_distance
 from stages.evaluation.summary import figures_of
 
 FRAMES, PER_PART, CANONICAL = 5, 60, 3
@@ -113,7 +113,7 @@ def true_model(data: IngestedSequence) -> KinematicModel:
 
 
 def measured(model: KinematicModel, data: IngestedSequence, seed: int = 0) -> Metrics:
-    return evaluate(model, data, EvaluationConfig(), np.random.default_rng(seed))
+    return compute_evaluation(model, data, EvaluationConfig(), np.random.default_rng(seed))
 
 
 def with_truth(data: IngestedSequence, **changes: Any) -> IngestedSequence:

@@ -36,7 +36,7 @@ def test_joint_types_do_not_depend_on_the_unit(two_part_object, scale):
 def test_a_root_is_free_where_it_moves_more_than_spacings(hinge):
     frames = frames_of(hinge)
     Ts = hinge.Ts_frame_canonical.copy()
-    Ts[[0, 1, 3, 4], :, 1, 3] += 0.9 * frames.noise
+    Ts[[0, 1, 3, 4], :, 1, 3] += 0.9 * frames.spacing
     model = model_of(hinge, Ts=Ts)
     assert model.root == 0
     held, free = to_chain(model, frames, 1.0), to_chain(model, frames, 0.5)

@@ -6,11 +6,11 @@ from schemas.joints import REVOLUTE
 from schemas.relaxed import RelaxedModel
 from stages.projection.stage import (
     base_part,
+    compute_projection,
     directed,
     group_energy,
     link_parts,
     middle_part,
-    project,
     spanning_tree,
     spatial_energies,
 )
@@ -31,7 +31,7 @@ def relaxed_truth(truth):
 
 def test_finds_the_known_joint(two_part_object):
     truth = two_part_object
-    model = project(relaxed_truth(truth), truth.sequence, CONFIG)
+    model = compute_projection(relaxed_truth(truth), truth.sequence, CONFIG)
     assert model.root == 0
     assert (model.joint_parent.tolist(), model.joint_child.tolist()) == ([0], [1])
     assert abs(model.axis[0] @ truth.axis) == pytest.approx(1, abs=1e-9)
