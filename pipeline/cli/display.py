@@ -1,4 +1,4 @@
-"""What a run shows while it lasts: a line a finished stage with the time left, and on a terminal bars with energies."""
+"""The display of a run: a line for each finished stage with the time left, and on a terminal bars with energies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pipeline.run.protocol import Event
 
 
 class RunDisplay:
-    """Called with every event of a run; a context manager around it."""
+    """Show the events of a run. Call it with each event, inside its context."""
 
     def __init__(self, console: Console, workers: int = 1) -> None:
         self.console = console
@@ -77,7 +77,7 @@ class RunDisplay:
 
 
 def time_left(seconds: float | None) -> str:
-    """The remaining time in words, as exact as an estimate is; nothing where it is unknown or over."""
+    """Format the remaining time with the precision of an estimate. The text is empty if it is unknown or over."""
     if not seconds:
         return ""
     minutes = round(seconds / 60)

@@ -1,4 +1,4 @@
-"""`reart evaluate`: the tables of a data set, from the evaluations that are there."""
+"""`reart evaluate`: tables of a data set from its existing evaluations."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def evaluate(
 ) -> None:
     """Show the evaluation of a data set, by sequence, robot type and split; write it as JSON, Markdown, CSV and HTML.
 
-    Nothing is computed: what has no evaluation for these settings is named, and then the exit code is 1. What this
-    machine cannot get is named too, but only counts where --sequences asks for it. With --against, --json prints
-    the comparison.
+    Nothing is computed. Sequences without an evaluation for these settings are named, and the exit code is then 1.
+    Sequences that this machine cannot get are named too, but only count if --sequences asks for them. With --against,
+    --json prints the comparison.
 
     Examples:
 
@@ -66,7 +66,7 @@ def evaluate(
     from pipeline.results.evaluation_files import default_folder, write_evaluation
     from pipeline.results.scores import gather, read_scores
 
-    earlier = None if against is None else read_scores(against)  # first: it may be what is about to be overwritten
+    earlier = None if against is None else read_scores(against)  # first, since this run may overwrite it
     request = Request(
         dataset=dataset,
         workdir=workdir,
@@ -91,7 +91,7 @@ def evaluate(
 
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
-    """What got better or worse, what was set otherwise, and what is not in both."""
+    """Print the differences, the changed settings, and the sequences that only one evaluation has."""
     for table in comparison_tables(comparison):
         console.print(screen_table(table))
     for words, listed in (
@@ -104,7 +104,7 @@ def show_comparison(comparison: Comparison, console: Console) -> None:
 
 
 def name_missing(missing: tuple[MissingScore, ...]) -> None:
-    """Say on standard error what has no evaluation, why, and where the log is."""
+    """Name on standard error the sequences without an evaluation, each with the reason and the log."""
     for entry in missing:
         log = f" (log: {entry.log})" if entry.log else ""
         print(f"{entry.sequence} {entry.state}: {entry.message}{log}", file=sys.stderr)

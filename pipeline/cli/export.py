@@ -36,7 +36,7 @@ def export(
 ) -> None:
     """Write a model as URDF or MJCF, with a mesh, mass and inertia for every part and limits for every joint.
 
-    Meshes are made of all frames' points where the fit's artifacts are still there, else of the canonical frame's.
+    Meshes are made from the points of all frames if the fit's artifacts still exist, else from the canonical frame.
 
     Examples:
 

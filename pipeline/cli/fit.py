@@ -1,4 +1,4 @@
-"""`reart fit`: one sequence of point clouds to a model."""
+"""`reart fit`: fit a model to one sequence of point clouds."""
 
 from __future__ import annotations
 
@@ -83,12 +83,12 @@ def fit(
 
 
 def directory_of(outcome: Outcome, task: str) -> Path:
-    """The artifact of a task of the only sequence."""
+    """The artifact folder of a task of the only sequence."""
     return next(place.directory for place in outcome.planned.values() if place.task == task)
 
 
 def delivered_files(outcome: Outcome) -> dict[str, bytes]:
-    """What the user gets, by relative path: the model first, which is written last, and meshes last."""
+    """The delivered files by relative path. The model comes first, since `deliver` writes the first file last."""
     stages = ("result", "export", "report")
     result, exported, report = (artifacts.read_files(directory_of(outcome, stage)) for stage in stages)
     files = {name: result[name] for name in ("model.json", "model.npz")}
@@ -101,7 +101,7 @@ def delivered_files(outcome: Outcome) -> dict[str, bytes]:
 
 
 def summarise(request: Request, outcome: Outcome, console: Console) -> None:
-    """Say what was found, how well it fits, and what the user should know of it."""
+    """Print the model, its residuals, and remarks for the user."""
     model = artifacts.read_manifest(directory_of(outcome, "result")).payload["model"]
     console.print(model_table(ModelFile.model_validate(model)))
     energies = artifacts.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]

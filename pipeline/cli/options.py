@@ -1,4 +1,4 @@
-"""What several commands share: their options, and how a run is shown and ended."""
+"""Options that several commands share, and how they show and end a run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from schemas.joints import JOINT_KINDS
 
 
 def cores() -> int:
-    """How many processors this process may use."""
+    """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -74,7 +74,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 
 
 def screen() -> Console:
-    """Standard output; wide enough for any table where it is not a terminal."""
+    """A console on standard output. If that is no terminal, it is wide enough for any table."""
     return Console(highlight=False, width=None if sys.stdout.isatty() else 160)
 
 
@@ -86,7 +86,7 @@ def dataset_config(
     joints: str | None,
     options: Mapping[str, tuple[str, Any]] | None = None,
 ) -> PipelineConfig:
-    """The configuration for a data set; further `options` as in `load_config`. Raises InputError."""
+    """Load the configuration for a data set. Further `options` are as in `load_config`. Raises InputError."""
     if dataset not in DATASETS:
         raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
     source = dataset.partition("-")[0]
@@ -97,13 +97,13 @@ def dataset_config(
 
 
 def names(listed: str | None) -> tuple[str, ...] | None:
-    """The names in `a,b`; None where there is no list."""
+    """Split `a,b` into names; None stays None."""
     return None if listed is None else tuple(name.strip() for name in listed.split(",") if name.strip())
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before what is said of its content."""
+    """Prefix errors about a file's content with the file's name."""
     try:
         yield
     except InputError as error:
@@ -111,7 +111,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def writable_folder(folder: Path, option: str) -> Path:
-    """Make a folder where there is none. Raises InputError where nothing can be written there, and for an artifact."""
+    """Make the folder if it is missing. Raises InputError for an artifact, and if the folder is not writable."""
     if (folder / artifacts.MANIFEST).exists() and (folder / artifacts.ARRAYS).exists():
         raise InputError(f"{option} {folder}: found an artifact, whose files stay as they are; name another folder")
     try:
@@ -127,7 +127,7 @@ def writable_folder(folder: Path, option: str) -> Path:
 
 
 def follow(request: Request, console: Console) -> launch.Outcome:
-    """Run the engine and show what it does. Raises InputError where it refuses the request."""
+    """Run the engine and show its events. Raises InputError if it refuses the request."""
     with RunDisplay(console, request.workers) as display:
         outcome = launch.run(request, display)
     if outcome.refused:
@@ -136,10 +136,10 @@ def follow(request: Request, console: Console) -> launch.Outcome:
 
 
 def name_failures(outcome: launch.Outcome) -> None:
-    """Say on standard error what went wrong, and where the logs are."""
+    """Name the failed tasks on standard error, with their logs."""
     for failure in outcome.failures.values():
         log = outcome.log_of(failure)
-        where = f" (log: {log})" if log and os.path.isfile(log) else ""  # also where its folder is closed to us
+        where = f" (log: {log})" if log and os.path.isfile(log) else ""  # False too if we may not look into its folder
         print(f"error: {failure.sequence} {failure.task}: {failure.message}{where}", file=sys.stderr)
     if outcome.died:
         again = "" if AGAIN in outcome.died else f"; see to that, {AGAIN}"

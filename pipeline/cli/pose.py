@@ -1,4 +1,4 @@
-"""`reart pose`: a model in a new pose."""
+"""`reart pose`: put a model into a new pose."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ def pose(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Pose a model: by given joint states, or so that given points of it come closest to their targets.
+    """Pose a model by given joint states, or so that given points of it come closest to their targets.
 
-    Lengths are in the model's units, angles in radians. Joints of which the targets do not tell are named, and stay as
-    in the nearest observed frame.
+    Lengths are in the model's units, angles in radians. Joints that the targets do not determine are named. They stay
+    as in the nearest observed frame.
 
     Examples:
 
@@ -100,7 +100,7 @@ def pose(
 
 
 def show(pose: Pose, model: ModelFile, console: Console) -> None:
-    """A line a joint, how far the targets are missed, and what they do not tell."""
+    """Print a line for each joint, the distances to the targets, and the undetermined joints."""
     length = LENGTH_SYMBOLS[model.units]
     table = Table("joint", "type", "state", "observed range", "")
     for joint in model.joints:

@@ -1,4 +1,4 @@
-"""`reart rerun`: a stage and all after it, computed anew."""
+"""`reart rerun`: compute a stage and all later ones anew."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def rerun(
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
-    """Compute a stage of one sequence, and all after it, anew.
+    """Compute a stage of one sequence, and all later ones, anew.
 
-    Each old artifact stays until the new one takes its place, so nothing is lost where this fails or is killed.
+    Each old artifact stays until the new one replaces it, so nothing is lost if this fails or is killed.
 
     Example: `reart rerun final_fit --dataset roboart --sequence bolt`
     """

@@ -1,4 +1,4 @@
-"""`reart run`: the sequences of a data set."""
+"""`reart run`: fit models to the sequences of a data set."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def run(
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
-    """Fit a model to every sequence of a data set. What is complete is not computed again.
+    """Fit a model to every sequence of a data set. Complete artifacts are not computed again.
 
-    Ends with the evaluation of these sequences, as `reart evaluate` writes it, in WORKDIR/DATASET/evaluation.
+    At the end, WORKDIR/DATASET/evaluation holds the evaluation of these sequences, as `reart evaluate` writes it.
 
     Examples:
 
@@ -70,7 +70,7 @@ def run(
 
 
 def finish(request: Request, write: bool = False) -> None:
-    """Run a request to its end, show the evaluation of what is complete, and exit; `write` its files too."""
+    """Run a request, show the evaluation of its complete sequences, and exit. `write` also writes its files."""
     if write:
         check_own_folder(default_folder(request) / PAGES)  # before hours of computing
     console = screen()
@@ -79,7 +79,7 @@ def finish(request: Request, write: bool = False) -> None:
     try:
         if outcome.planned:
             conclude(request, outcome, console, write)
-    finally:  # also where the evaluation cannot be written
+    finally:  # even if the evaluation cannot be written
         name_failures(outcome)
         for error in unsound:
             print(f"error: {error}", file=sys.stderr)
@@ -87,7 +87,7 @@ def finish(request: Request, write: bool = False) -> None:
 
 
 def conclude(request: Request, outcome: Outcome, console: Console, write: bool) -> None:
-    """Show the evaluation of what a run made and what the user should know of it; `write` the evaluation's files."""
+    """Show the evaluation of a run and remarks for the user. `write` also writes the evaluation's files."""
     scores = evaluation_of(request, outcome)
     show(scores, console)
     for sequence, line in remarks(outcome):
@@ -99,7 +99,7 @@ def conclude(request: Request, outcome: Outcome, console: Console, write: bool) 
 
 
 def unsound_results(outcome: Outcome) -> list[artifacts.ArtifactError]:
-    """What is wrong with the files of those artifacts that a run ends in. Every byte of them is read."""
+    """The problems of the files of a run's final artifacts. Every byte of them is read."""
     from pipeline.run.tasks import FINAL
 
     ends = {task.stage for task in FINAL}
@@ -114,7 +114,7 @@ def unsound_results(outcome: Outcome) -> list[artifacts.ArtifactError]:
 
 
 def evaluation_of(request: Request, outcome: Outcome) -> Scores:
-    """The evaluation of what a run was to make, from what it left on the disk. No input is read once more."""
+    """The evaluation of a run's planned sequences, from the artifacts on the disk. No input is read again."""
     from pipeline.results.scores import PlannedSequence, scores_of
 
     planned = [PlannedSequence(name, origin, outcome.places_of(name)) for name, origin in outcome.origins.items()]
@@ -131,6 +131,6 @@ def evaluation_of(request: Request, outcome: Outcome) -> Scores:
 
 
 def show(scores: Scores, console: Console) -> None:
-    """The tables for the screen, where there is anything to show."""
+    """Print the brief tables, if there is anything to show."""
     for table in brief_tables(scores):
         console.print(screen_table(table))

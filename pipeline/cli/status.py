@@ -1,4 +1,4 @@
-"""`reart status`: which stages of which sequences are done."""
+"""`reart status`: the state of every stage of every sequence."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def status(
 ) -> None:
     """Show which stages are done, failed (and why), stale (made with other settings only) or missing.
 
-    With --check the exit code is 1 where any artifact is corrupt or cannot be read.
+    With --check the exit code is 1 if any artifact is corrupt or cannot be read.
 
     Examples:
 
@@ -68,7 +68,7 @@ def status(
 
 
 def show(tasks: Sequence[TaskStatus], console: Console) -> None:
-    """A line a sequence and a column a stage; below it what went wrong."""
+    """Print a row for each sequence with a column for each stage, and the failures below."""
     cells: dict[str, dict[str, list[TaskStatus]]] = {}
     for task in tasks:
         cells.setdefault(task.sequence, {}).setdefault(task.stage, []).append(task)
@@ -84,7 +84,7 @@ def show(tasks: Sequence[TaskStatus], console: Console) -> None:
 
 
 def _cell(tasks: list[TaskStatus]) -> str:
-    """One stage of one sequence: its worst state, or the seconds that its tasks took."""
+    """The cell of one stage of one sequence: the worst state of its tasks, or their seconds."""
     done = [task for task in tasks if task.state == "done"]
     if len(done) == len(tasks):
         return f"{sum(task.seconds or 0 for task in done):.1f} s" if done else "-"

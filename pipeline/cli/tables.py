@@ -14,7 +14,7 @@ COLOURS = {"better": "green", "worse": "red"}
 
 
 def model_table(model: ModelFile) -> Table:
-    """A line a joint."""
+    """A table with one row for each joint."""
     title = f"{len(model.parts)} part{'' if len(model.parts) == 1 else 's'}"
     table = Table("joint", "parent", "child", "type", "axis", "range", title=title)
     for joint in model.joints:
@@ -28,13 +28,13 @@ def model_table(model: ModelFile) -> Table:
 
 
 def observed_range(joint: ModelJoint, length: str) -> str:
-    """The limits of a joint with their units; `length` is the symbol of that of lengths."""
+    """Format the limits of a joint with their units. `length` is the unit symbol of lengths."""
     ranges = joint.ranges(length)
     return ", ".join(f"{low + 0.0:.3g} .. {high + 0.0:.3g} {unit}" for low, high, unit in ranges)  # + 0.0: no "-0"
 
 
 def screen_table(table: report_tables.Table) -> Table:
-    """A table of the report for the screen; a line parts its sections."""
+    """Render a table of the evaluation for the screen, with a line between its sections."""
     shown = Table(table.columns[0], title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     for title in table.columns[1:]:
         shown.add_column(title, justify="left" if table.words else "right")

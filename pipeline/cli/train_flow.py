@@ -1,4 +1,4 @@
-"""`reart train-flow`: the feature network of the flow stage, trained."""
+"""`reart train-flow`: train the feature network of the flow stage."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipeline.configuration.presets import TRAINING_FOLDER, load_settings
 from schemas.config import TrainFlowConfig
 from schemas.training import Measurement, Step
 
-RECENT = 20  # steps whose mean loss is shown
+RECENT = 20  # the loss that is shown is the mean over so many steps
 
 
 def train_flow(
@@ -38,7 +38,7 @@ def train_flow(
 ) -> None:
     """Train the network that the flow estimators `network` and `hybrid` match points with.
 
-    The same command goes on where an interrupted one left off. Use the result by
+    The same command resumes an interrupted training. Use the result by
     `--set flow.network.weights=OUT/weights.safetensors`.
 
     - `reart train-flow --out training --assets robots`

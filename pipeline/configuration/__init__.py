@@ -1,1 +1,1 @@
-"""Where settings come from: presets and the command line's overrides."""
+"""Loading of settings from presets and from overrides on the command line."""

@@ -1,4 +1,4 @@
-"""Configurations: presets (TOML files, of which a later one overrides an earlier) and single settings."""
+"""Configurations from presets (TOML files, where later ones override earlier ones) and single settings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from schemas.errors import Fault, InputError
 
 FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
-# presets that say where sequences come from; roboart-noisy and the like add to roboart
+# presets that define the source of sequences; others, such as roboart-noisy, refine one of them
 DATASETS = (
     "roboart",
     "roboart-noisy",
@@ -30,17 +30,17 @@ DATASETS = (
     "dfaust",
 )
 BODIES = ("humans", "dfaust")  # on top of the preset bodies
-DEEPEST = 10  # tables in tables; no setting is as deep, and reading deeper ones may take all of the stack
+DEEPEST = 10  # nested tables; no setting is as deep, and deeper ones may exhaust the stack
 LONGEST_SHOWN = 100  # characters of a value that cannot be used
 
 AnySchema = TypeVar("AnySchema", bound=Schema)
-Options = Mapping[str, tuple[str, Any]]  # of the command line: the setting that each stands for, and its value
+Options = Mapping[str, tuple[str, Any]]  # option of the command line -> (its setting, its value)
 
 
 def load_config(
     presets: Sequence[str], overrides: Iterable[str] = (), options: Options | None = None
 ) -> PipelineConfig:
-    """A run's configuration, as `load_settings` puts it together. Raises InputError."""
+    """Load a run's configuration, as `load_settings` does. Raises InputError."""
     return load_settings(PipelineConfig, FOLDER, presets, overrides, options)
 
 
@@ -51,11 +51,11 @@ def load_settings(
     overrides: Iterable[str] = (),
     options: Options | None = None,
 ) -> AnySchema:
-    """The settings that presets, then `stage.field=value` overrides and then options make of a schema's defaults.
+    """Apply presets, then `stage.field=value` overrides, then options to a schema's defaults.
 
-    A preset is the name of one in `folder`, or the path of a .toml file. An option of the command line stands for one
-    setting, as in {"--seed": ("seed", 7)}; None leaves that as it is. Raises InputError, one line that names the
-    setting, or the option, for anything unknown or out of range.
+    A preset is the name of one in `folder`, or the path of a .toml file. `options` maps an option of the command line
+    to a setting and its value, as in {"--seed": ("seed", 7)}; the value None changes nothing. Raises InputError for an
+    unknown setting or a value out of range, in one line that names the setting or the option.
     """
     values: dict[str, Any] = {}
     origin = "--set"
@@ -75,7 +75,7 @@ def load_settings(
 
 
 def preset_names(folder: Path = FOLDER) -> list[str]:
-    """The presets that come with the program."""
+    """The names of the presets in a folder of the program."""
     return sorted(path.stem for path in folder.glob("*.toml"))
 
 
@@ -88,12 +88,12 @@ def _read_preset(preset: str, folder: Path) -> dict[str, Any]:
             f"preset {preset}: cannot be read ({error.strerror}), expected one of {', '.join(preset_names(folder))} "
             "or the path of a .toml file"
         ) from error
-    except (ValueError, RecursionError) as error:  # ValueError: of TOML, of UTF-8, and of integers with too many digits
+    except (ValueError, RecursionError) as error:  # ValueError: invalid TOML or UTF-8, or too many digits
         raise InputError(f"preset {preset}: not TOML ({error}); correct the file") from error
 
 
 def _parse_override(override: str) -> dict[str, Any]:
-    """`a.b=value` as {"a": {"b": value}}; the value is a TOML value, or else the text itself."""
+    """Parse `a.b=value` to {"a": {"b": value}}. The value is read as TOML, or else kept as text."""
     name, separator, text = override.partition("=")
     if not separator or not name.strip():
         raise InputError(f"--set {_short(override)}: expected stage.field=value, as in final_fit.part_price=20")
@@ -108,7 +108,7 @@ def _parse_override(override: str) -> dict[str, Any]:
 
 
 def _nested(name: str, value: Any) -> dict[str, Any]:
-    """`a.b` and a value as {"a": {"b": value}}."""
+    """Nest a value under a dotted name: `a.b` gives {"a": {"b": value}}."""
     *sections, field = name.split(".")
     nested = {field: value}
     for section in reversed(sections):
@@ -125,7 +125,7 @@ def _merge(values: dict[str, Any], changes: dict[str, Any]) -> None:
 
 
 def _validated(schema: type[AnySchema], values: dict[str, Any], origin: str, of_option: bool = False) -> AnySchema:
-    """The configuration; refusals name where a value comes from, and its setting unless that is an option."""
+    """Validate the configuration. An error names a value's origin, and its setting unless the origin is an option."""
     try:
         return schema.model_validate(values)
     except ValidationError as error:
@@ -138,7 +138,7 @@ def _validated(schema: type[AnySchema], values: dict[str, Any], origin: str, of_
 
 
 def _first_path(value: Any) -> list[str]:
-    """The names that lead to the first single value in nested tables."""
+    """The path of names to the first plain value in nested tables."""
     path: list[str] = []
     while isinstance(value, dict) and value and len(path) < DEEPEST:
         name = next(iter(value))
@@ -154,7 +154,7 @@ def _nearest(name: str, schema: type[Schema]) -> str:
 
 
 def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, value) of every single setting."""
+    """Yield (dotted name, value) of every setting."""
     for name in type(config).model_fields:
         value = getattr(config, name)
         if isinstance(value, Schema):
@@ -164,7 +164,7 @@ def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _lower(message: str) -> str:
-    """What a schema says, as the end of a line of ours."""
+    """Put a schema's message into the form in which it can end one of our lines."""
     return message[:1].lower() + message[1:]
 
 

@@ -1,1 +1,1 @@
-"""What people and other programs read of artifacts: models, evaluations, pages, the status of a data set."""
+"""Views of artifacts for people and other programs: models, evaluations, pages and the status of a data set."""

@@ -1,4 +1,4 @@
-"""What got better or worse from one evaluation to another."""
+"""The comparison of two evaluations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stages.evaluation.summary import mean_figures
 
 
 def compare(before: Scores, after: Scores, origin: str) -> Comparison:
-    """The differences of each sequence that both have, and of the means over these; `origin` names the earlier one."""
+    """Compare the sequences that both evaluations have, and the means over these. `origin` names the earlier one."""
     old = {score.sequence: score for score in before.sequences}
     new = {score.sequence: score for score in after.sequences}
     shared = [name for name in new if name in old]
@@ -28,7 +28,7 @@ def compare(before: Scores, after: Scores, origin: str) -> Comparison:
 
 
 def differences(before: Figures, after: Figures) -> dict[str, Difference]:
-    """The difference of every figure that both have."""
+    """The difference of every metric that both have."""
     found = {}
     for name, measure in MEASURES.items():
         old, new = getattr(before, name), getattr(after, name)
@@ -38,7 +38,7 @@ def differences(before: Figures, after: Figures) -> dict[str, Difference]:
 
 
 def changed_settings(before: Any, after: Any, name: str = "") -> Iterator[str]:
-    """The settings that differ, by their dotted names."""
+    """The settings that differ, by dotted name."""
     if isinstance(before, dict) and isinstance(after, dict):
         for field in dict.fromkeys([*before, *after]):
             yield from changed_settings(before.get(field), after.get(field), f"{name}.{field}".lstrip("."))
@@ -47,7 +47,7 @@ def changed_settings(before: Any, after: Any, name: str = "") -> Iterator[str]:
 
 
 def verdict(measure: Measure, change: float) -> Verdict | None:
-    """Better or worse in the measure's direction; a change that its decimals do not show is none."""
+    """Judge a change by the measure's direction. A change below the shown decimals is neither better nor worse."""
     if measure.better is None:
         return None
     if abs(change) < 0.5 * 10**-measure.decimals:

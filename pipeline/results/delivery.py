@@ -1,6 +1,6 @@
-"""What a command wrote into a folder of the user's: `delivered.json` holds the digest of every file.
+"""Delivery of files into a folder of the user, with the digest of every file in `delivered.json`.
 
-So damage is found later, and only what is ours and unchanged is ever removed again.
+The digests reveal damage later. They also ensure that only our own unchanged files are ever removed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DESCRIPTIONS = ("robot.urdf", "robot.xml")
 
 
 class Delivery(Schema):
-    """delivered.json: digests of files by their paths relative to its folder."""
+    """The content of delivered.json: the digest of each file by its path relative to the folder."""
 
     format: Literal["rearticulate/delivery"] = "rearticulate/delivery"
     version: Literal[1] = 1
@@ -32,12 +32,12 @@ class Delivery(Schema):
 
 
 def deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str] = ()) -> None:
-    """Write files by their relative paths, each whole or not at all, and note their digests.
+    """Write files by their relative paths, each whole or not at all, and record their digests.
 
-    The first comes last: once it is there, so is all that it needs; the second, its arrays, right before it. What an
-    earlier delivery wrote is removed where it is a mesh that no description in the folder names any more, or
-    `obsolete`, unless it was changed since. One delivery at a time goes into a folder. Raises InputError as
-    `check_target` does.
+    The first file is written last, right after the second, which holds its arrays. So once the first file exists,
+    everything that it needs exists too. Unchanged files of an earlier delivery are removed if they are `obsolete`, or
+    meshes that no description in the folder names any more. Only one delivery at a time writes to a folder. Raises
+    InputError as `check_target` does.
     """
     with alone_in(folder):
         check_target(folder)
@@ -59,7 +59,7 @@ def _deliver(folder: Path, files: Mapping[str, bytes], obsolete: Iterable[str]) 
 
 
 def check_target(folder: Path) -> None:
-    """Raises InputError where a delivery would not go into this very folder, and where its record is damaged."""
+    """Raise InputError if a link or a folder stands where a file would go, or if the folder's record is damaged."""
     check_own_folder(folder / MESHES)
     for name in (RECORD, *DESCRIPTIONS, "model.json", "model.npz", "report.html", "metrics.json"):
         if (folder / name).is_dir():
@@ -68,9 +68,9 @@ def check_target(folder: Path) -> None:
 
 
 def check_delivery(folder: Path) -> list[str]:
-    """What is wrong with the files that were delivered into a folder, one line each; nothing where all are whole.
+    """The problems of the files that were delivered into a folder, one line each.
 
-    Raises InputError where there is no record of them, or a damaged one.
+    Raises InputError if their record is missing or damaged.
     """
     digests = _read(folder / RECORD)
     problems = []
@@ -86,7 +86,7 @@ def check_delivery(folder: Path) -> list[str]:
 
 
 def _unneeded(folder: Path, names: Iterable[str], obsolete: Iterable[str]) -> list[str]:
-    """Those of some delivered files that are obsolete, or meshes that no description names."""
+    """Those of the named files that are obsolete, or meshes that no description names."""
     named = b"".join((folder / name).read_bytes() for name in DESCRIPTIONS if (folder / name).is_file())
     return [
         name
@@ -96,7 +96,7 @@ def _unneeded(folder: Path, names: Iterable[str], obsolete: Iterable[str]) -> li
 
 
 def _digest(path: Path) -> str | None:
-    """The digest of a file; None where there is none, or a link."""
+    """The digest of a file; None if it is missing or a link."""
     return sha256(path.read_bytes()) if path.is_file() and not path.is_symlink() else None
 
 

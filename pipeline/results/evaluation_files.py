@@ -1,4 +1,4 @@
-"""What an evaluation leaves on the disk: JSON, Markdown, CSV, and a page with every sequence's report and picture."""
+"""The files of an evaluation: JSON, Markdown, CSV, and a page with the report and picture of every sequence."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ COPIED = (".html", ".png")
 
 
 def default_folder(request: Request) -> Path:
-    """Where an evaluation goes if nobody says otherwise. No sequence's folder: it is not of stages."""
+    """The default folder of an evaluation. It holds no stages, so nobody takes it for a sequence's folder."""
     return request.workdir / request.dataset / "evaluation"
 
 
 def write_evaluation(scores: Scores, workdir: Path, out: Path, comparison: Comparison | None = None) -> None:
-    """Write the evaluation, and the comparison where there is one, to the folder `out`, which is made.
+    """Write the evaluation, and the comparison if given, to the folder `out`. Make the folder if needed.
 
-    Reports are copied, so that the folder can be moved or sent. What only an earlier evaluation had is removed.
-    Raises InputError where the folder of the copies is a link, and OSError where nothing can be written.
+    Reports are copied, so that the folder can be moved or sent. Copies that only an earlier evaluation needed are
+    removed. Raises InputError if the folder of the copies is a link, and OSError if it cannot write.
     """
     check_own_folder(out / PAGES)
     (out / PAGES).mkdir(parents=True, exist_ok=True)
@@ -48,16 +48,16 @@ def write_evaluation(scores: Scores, workdir: Path, out: Path, comparison: Compa
         write_atomically(out / name, content.encode())
     if comparison is None:
         (out / "comparison.json").unlink(missing_ok=True)
-    kept = {*reported, *(entry.sequence for entry in scores.missing)}  # what is missing now may come back
-    for sequence in earlier - kept:  # known by its name: the folder may hold files of the user's
+    kept = {*reported, *(entry.sequence for entry in scores.missing)}  # a missing sequence may come back
+    for sequence in earlier - kept:  # by name, since the folder may hold files of the user
         for ending in COPIED:
             (out / PAGES / f"{sequence}{ending}").unlink(missing_ok=True)
 
 
 def copy_report(score: SequenceScore, workdir: Path, folder: Path) -> bool:
-    """Copy a sequence's page and picture, and say whether that went well. Raises OSError where it cannot write.
+    """Copy a sequence's page and picture, and return whether that succeeded. Raises OSError if it cannot write.
 
-    Figures stand without them, so an artifact that cannot be used is only a warning.
+    The evaluation is complete without them, so an unusable artifact only causes a warning.
     """
     if score.report is None:
         return False
@@ -79,7 +79,7 @@ def document(scores: Scores, comparison: Comparison | None = None) -> str:
 
 
 def index_page(scores: Scores, reported: Iterable[str], comparison: Comparison | None = None) -> str:
-    """The page of all tables, whose rows link to the reports of those sequences that have one, and of all pictures."""
+    """The page of all tables and pictures. Rows link to the reports of the sequences that have one."""
     tables = (comparison_tables(comparison) if comparison else []) + full_tables(scores)
     reports = {sequence: address(PAGES, f"{sequence}.html") for sequence in reported}
     body = [f"<h1>{escape(_title(scores))}</h1>", f"<p>{escape(_summary(scores))}</p>"]
@@ -97,9 +97,9 @@ def index_page(scores: Scores, reported: Iterable[str], comparison: Comparison |
 
 
 def _sequences_in(evaluation: Path) -> set[str]:
-    """The sequences of an evaluation that was written earlier; none where there is none that can be read.
+    """The sequences of an earlier evaluation; none if it cannot be read.
 
-    Anybody may have written that file: what is no name, but a path, is left out.
+    The file is not trusted: entries that are paths rather than names are left out.
     """
     try:
         earlier = json.loads(read_whole(evaluation))

@@ -1,4 +1,4 @@
-"""A look into one artifact, sound or not."""
+"""Inspection of one artifact, which may be damaged."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from schemas.manifest import ArrayEntry, Manifest
 
 
 class ArrayReport(Schema):
-    """One line of the array table, and what the values are."""
+    """One entry of the array table, with statistics of the values."""
 
     entry: ArrayEntry
     minimum: float | None = None
@@ -23,7 +23,7 @@ class ArrayReport(Schema):
 
 
 class Inspection(Schema):
-    """What an artifact holds, and what is wrong with it."""
+    """The content of an artifact, and its problems."""
 
     path: Path
     manifest: Manifest | None
@@ -33,7 +33,7 @@ class Inspection(Schema):
 
 
 def inspect(directory: Path) -> Inspection:
-    """Look at everything that can still be read, and name everything that cannot."""
+    """Inspect everything that can still be read, and name everything that cannot."""
     try:
         manifest = artifacts.read_manifest(directory)
     except artifacts.CorruptArtifactError as error:
@@ -59,7 +59,7 @@ def inspect(directory: Path) -> Inspection:
 
 
 def describe(entry: ArrayEntry, array: np.ndarray) -> ArrayReport:
-    """Range and NaN count of an array; an empty one has no range."""
+    """Describe an array by its range and its NaN count. An empty array has no range."""
     finite = array[np.isfinite(array)]
     return ArrayReport(
         entry=entry,
@@ -70,7 +70,7 @@ def describe(entry: ArrayEntry, array: np.ndarray) -> ArrayReport:
 
 
 def energies_of(payload: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
-    """The energies in an artifact's fields, those of nested artifacts with their path."""
+    """The energies in an artifact's fields. Those of nested artifacts have their path as a prefix."""
     for name, value in payload.items():
         if name == "energies":
             yield from ((prefix + energy, amount) for energy, amount in value.items())

@@ -1,4 +1,4 @@
-"""Reading back what a fit wrote: model.json and model.npz in one folder."""
+"""Reading a fitted model back from model.json and model.npz in one folder."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
 
 
 def read_model_folder(folder: Path) -> Result:
-    """The model in a folder that `reart fit` or the result stage wrote.
+    """Read the model in a folder that `reart fit` or the result stage wrote.
 
-    Raises InputError where a file is missing, unreadable, changed since or not a model of a known version.
+    Raises InputError for a file that is missing, unreadable, changed or not a model of a known version.
     """
     json_path, npz_path = folder / "model.json", folder / "model.npz"
     for path in (json_path, npz_path):
@@ -57,7 +57,7 @@ def read_model_folder(folder: Path) -> Result:
 
 
 def _check_artifact(folder: Path) -> None:
-    """Raises InputError for a result's artifact that is not as it was written, as far as its manifest tells."""
+    """Raise InputError if the folder is a result's artifact that differs from its manifest."""
     directory = folder.resolve()
     if directory.name.startswith("result-") and artifacts.completed_at(directory) is not None:
         try:
@@ -67,7 +67,7 @@ def _check_artifact(folder: Path) -> None:
 
 
 def _read_model(path: Path, npz_digest: str) -> ModelFile:
-    """model.json, which tells its own digest and that of model.npz; older files do not."""
+    """Read model.json and check its digest and that of model.npz. Older files hold no digests."""
     try:
         content = read_whole(path)
         model = ModelFile.model_validate_json(content)
@@ -87,7 +87,7 @@ def _read_model(path: Path, npz_digest: str) -> ModelFile:
 
 
 def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
-    """The frames that a model was fitted to, in its own coordinates; None where they are not at hand."""
+    """The frames that a model was fitted to, in its coordinates; None if they are no longer available."""
     ingested = ingested_of_model(folder, result)
     if ingested is None:
         return None
@@ -95,9 +95,9 @@ def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_
 
 
 def ingested_of_model(folder: Path, result: Result) -> IngestedSequence | None:
-    """The sequence that a model was fitted to, with its truth; None where its artifacts are not at hand.
+    """The sequence that a model was fitted to, with its truth; None if its artifacts are no longer available.
 
-    `folder` is a result's artifact, or has `workdir/` with that of the same model, as `reart fit` leaves it.
+    `folder` is a result's artifact, or holds one of the same model in `workdir/`, as `reart fit` leaves it.
     """
     model = (folder / "model.json").read_bytes()
     for place in (folder, *sorted(folder.glob("workdir/*/*/result-*/"))):
@@ -110,7 +110,7 @@ def ingested_of_model(folder: Path, result: Result) -> IngestedSequence | None:
 
 
 def _ingested(result: Path) -> IngestedSequence | None:
-    """What a result was made of; None where that is gone, or damaged, which is said."""
+    """The sequence that a result was made from. None if it is gone or damaged; damage causes a warning."""
     try:
         ingest = result.with_name(f"ingest-{artifacts.read_manifest(result).upstream['ingest']}")
         return None if artifacts.completed_at(ingest) is None else artifacts.read(ingest, IngestedSequence)

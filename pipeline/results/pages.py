@@ -1,4 +1,4 @@
-"""Pages: a table of the report as HTML, and the frame around it. Nothing comes from another address."""
+"""HTML pages: tables of the evaluation and the frame around them. A page loads nothing from other addresses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ img { width: 100%; min-width: 56rem; display: block; background: #fff; border-ra
 
 
 def page(title: str, body: str) -> str:
-    """A whole page around a body."""
+    """Wrap a body in a whole page."""
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<title>{escape(title)}</title>\n'
@@ -42,7 +42,7 @@ def page(title: str, body: str) -> str:
 
 
 def table_html(table: Table, reports: Mapping[str, str]) -> str:
-    """A table under its title; a sequence's row links to its report, where `reports` tells its address."""
+    """Render a table under its title. A sequence's row links to its report if `reports` has the address."""
     heads = "".join(f'<th scope="col">{escape(column)}</th>' for column in table.columns)
     mark = ' class="words"' if table.words else ""
     rows, section = [], ""
@@ -56,12 +56,12 @@ def table_html(table: Table, reports: Mapping[str, str]) -> str:
 
 
 def address(folder: str, file: str) -> str:
-    """The address of a file in a folder beside the page, as an attribute's value."""
+    """The address of a file in a folder beside the page, escaped as an attribute's value."""
     return escape(f"{folder}/{quote(file)}")
 
 
 def picture_html(source: str, what: str) -> str:
-    """A picture, whose address is an attribute's value already, that may be scrolled sideways on a narrow screen."""
+    """Show a picture that scrolls sideways on a narrow screen. `source` is escaped already, as by `address`."""
     return f'<div class="wide"><img src="{source}" alt="{escape(what)}" loading="lazy"></div>'
 
 

@@ -1,4 +1,4 @@
-"""The files of `reart pose`: targets and joint states from the user, a pose and posed points to other programs."""
+"""The files of `reart pose`: it reads targets and joint states, and writes the pose and the posed points."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ Points = Float64[np.ndarray, "targets 3"]
 
 
 def read_targets(path: Path) -> tuple[Points, Points]:
-    """Source points and their targets: .csv with TARGET_COLUMNS, .json or .npz with `source` and `target` (N, 3).
+    """Read source points and their targets: .csv with TARGET_COLUMNS, .json or .npz with `source` and `target` (N, 3).
 
-    Raises InputError for any other file, for none at all and for values that are not finite.
+    Raises InputError for any other file, for an empty list of targets, and for values that are not finite.
     """
     source, target = _by_suffix(path, {".csv": _targets_of_csv, ".json": _targets_of_json, ".npz": _targets_of_npz})
     if len(source) != len(target) or not len(source):
@@ -46,10 +46,10 @@ def read_targets(path: Path) -> tuple[Points, Points]:
 
 
 def read_states(path: Path, model: ModelFile) -> tuple[dict[str, State], Float64[np.ndarray, "4 4"]]:
-    """Joint states by name and the root's motion: .csv with STATE_COLUMNS, .json {name: state}, or a pose.json.
+    """Read joint states by name and the root's motion: .csv with STATE_COLUMNS, .json {name: state}, or a pose.json.
 
-    A state is a number, or three of them (in .csv with blanks between); the root stays unless a pose.json moves it.
-    Raises InputError for any other file, and for a pose.json of another model or in other units than `model`.
+    A state is one number, or several (in .csv separated by blanks). Only a pose.json can move the root. Raises
+    InputError for any other file, and for a pose.json of another model or in other units than `model`.
     """
     return _by_suffix(path, {".csv": _states_of_csv, ".json": partial(_states_of_json, model=model)})
 
@@ -128,7 +128,7 @@ def _states_of_json(path: Path, model: ModelFile) -> tuple[dict[str, State], Flo
 
 
 def _check_origin(path: Path, pose: Pose, model: ModelFile) -> None:
-    """Raises InputError for the pose of another model: joints of the same names need not be the same."""
+    """Raise InputError for the pose of another model, since its joints only share their names."""
     remedy = "pose this model anew, or give the states alone, as {joint: state}"
     if pose.units != model.units:
         raise InputError(f"{path}: units: found {pose.units}, expected {model.units} as in the model; {remedy}")
@@ -153,7 +153,7 @@ def _state(values: list[Any], where: str) -> State:
 
 
 def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[tuple[int, list[str]]]:
-    """The rows below the header, with their lines."""
+    """The rows below the header, with their line numbers."""
     try:
         rows = list(enumerate(csv.reader(_text(path).splitlines()), start=1))
     except csv.Error as error:
@@ -187,17 +187,17 @@ def _json_object(path: Path) -> dict[str, Any]:
 
 
 def _brief(value: Any) -> str:
-    """The beginning of what a file holds, however deep or long it is."""
+    """The beginning of a file's content, whatever its depth and length."""
     return reprlib.repr(value)[:40]
 
 
 def _name(text: str) -> str:
-    """A name of the user's in a message."""
+    """Format a name from the user for a message."""
     return text[:80] if text.isprintable() else repr(text[:80])
 
 
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of JSON. Raises ValueError where a name stands twice."""
+    """Make a JSON object. Raises ValueError for a repeated name."""
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
@@ -214,7 +214,7 @@ def _text(path: Path) -> str:
 
 
 def _ply(p: Points, labels: Int64[np.ndarray, "points"]) -> bytes:
-    """Binary PLY with each point's part, and that part's colour."""
+    """Binary PLY with the part of each point and that part's colour."""
     kind = ("<f4", "float") if float32_holds(p) else ("<f8", "double")
     fields = [(axis, *kind) for axis in "xyz"]
     fields += [(colour, "u1", "uchar") for colour in ("red", "green", "blue")]

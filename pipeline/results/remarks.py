@@ -1,4 +1,4 @@
-"""What the user should know of the models that a run made: in a line each, at its end."""
+"""Remarks on the models of a run, printed at its end."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pipeline.store import artifacts
 
 
 def remarks(outcome: Outcome) -> Iterator[tuple[str, str]]:
-    """(sequence, line) of every model whose description has one; see `stages.export.remarks`."""
+    """Yield (sequence, line) for every remark on an exported model; see `stages.export.remarks`."""
     for place in outcome.planned.values():
         if place.stage == "export" and outcome.is_complete(place):
-            with contextlib.suppress(artifacts.ArtifactError):  # which whoever needs that artifact tells
+            with contextlib.suppress(artifacts.ArtifactError):  # reported where the artifact is needed
                 for line in artifacts.read_manifest(place.directory).payload["remarks"]:
                     yield place.sequence, line

@@ -1,4 +1,4 @@
-"""The tables of an evaluation and of a comparison, and how they are written as Markdown and CSV."""
+"""The tables of an evaluation and of a comparison, and their Markdown and CSV."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ MARKS = {"better": "▲", "worse": "▼", "same": "="}
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell's text and its tone, `better` or `worse`, which the text tells too: never colour alone."""
+    """A cell's text and its tone, `better` or `worse`. The text states the tone too, for readers without colours."""
 
     text: str
     tone: str = ""
@@ -68,7 +68,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A row; a new section begins where it differs from the row above. `sequence` has a page of its own."""
+    """A row. A change of `section` from the row above starts a new section. `sequence` names the page to link to."""
 
     name: str
     cells: tuple[Cell, ...]
@@ -78,7 +78,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under column titles, of which the first is that of the rows' names; cells hold numbers, or else `words`."""
+    """Rows under column titles. The first column holds the rows' names; the cells hold numbers, or `words`."""
 
     title: str
     columns: tuple[str, ...]
@@ -93,19 +93,19 @@ class Column:
 
 
 def quality_table(scores: Scores) -> Table:
-    """Parts, tree and motion of every sequence, and the means."""
+    """Metrics of parts, tree and motion for every sequence, and their means."""
     columns = (Column("parts", lambda score: _share(score.figures.parts_found, score.figures.parts_true)),)
     return _score_table("Parts and motion", scores, (*columns, *map(_measure_column, QUALITY)))
 
 
 def joint_table(scores: Scores) -> Table:
-    """Joints, time and memory of every sequence, and the means."""
+    """Metrics of joints, time and memory for every sequence, and their means."""
     columns = (Column("joints", lambda score: _share(score.figures.joints_found, score.figures.joints_true)),)
     return _score_table("Joints and cost", scores, (*columns, *map(_measure_column, JOINTS_AND_COST)))
 
 
 def seconds_table(scores: Scores) -> Table:
-    """The seconds that every stage of every sequence took, all its candidates together."""
+    """The seconds of every stage of every sequence, summed over its candidates."""
 
     def column(stage: str) -> Column:
         return Column(f"{stage} s", lambda s: f"{s.costs[stage].seconds:.1f}" if stage in s.costs else "-")
@@ -136,7 +136,7 @@ def stage_table(scores: Scores) -> Table:
 
 
 def missing_table(missing: Sequence[MissingScore]) -> Table:
-    """What has no evaluation, and why."""
+    """The sequences without an evaluation, each with the reason."""
     rows = tuple(
         Row(entry.sequence, (Cell(entry.state, "worse"), Cell(entry.message), Cell(entry.log or "-")))
         for entry in missing
@@ -145,13 +145,13 @@ def missing_table(missing: Sequence[MissingScore]) -> Table:
 
 
 def brief_tables(scores: Scores) -> list[Table]:
-    """What a screen shows, the most important last."""
+    """The tables for the screen, the most important last."""
     tables = [stage_table(scores), joint_table(scores), quality_table(scores)]
     return [table for table in tables if table.rows]
 
 
 def full_tables(scores: Scores) -> list[Table]:
-    """What a document shows, the most important first."""
+    """The tables for a document, the most important first."""
     tables = [
         quality_table(scores),
         missing_table(scores.missing),
@@ -164,7 +164,7 @@ def full_tables(scores: Scores) -> list[Table]:
 
 
 def comparison_tables(comparison: Comparison) -> list[Table]:
-    """The differences of each sequence, and then of the means, with both values."""
+    """Both values and the difference of each metric, for each sequence and then for the means."""
     tables = [_change_table(title, comparison, names) for title, names in COMPARED.items()]
     if comparison.mean is not None:
         rows = tuple(_mean_row(name, difference) for name, difference in comparison.mean.differences.items())
@@ -184,7 +184,7 @@ def _change_table(title: str, comparison: Comparison, names: Sequence[str]) -> T
 
 
 def to_markdown(table: Table) -> str:
-    """A table as Markdown; means are bold."""
+    """Format a table as Markdown, with means in bold."""
     rules = ["---", *("---" if table.words else "---:" for _ in table.columns[1:])]
     lines = [f"### {table.title}", "", _line(table.columns), _line(rules)]
     for row in table.rows:
@@ -194,7 +194,7 @@ def to_markdown(table: Table) -> str:
 
 
 def to_csv(scores: Scores) -> str:
-    """A line a sequence and a line a mean, with every figure unrounded; empty where nothing tells it."""
+    """Format all sequences and means as CSV, one line each. Metrics are unrounded; unknown ones are empty."""
     stages = _stages(scores)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -215,7 +215,7 @@ def column_title(name: str) -> str:
 
 
 def number(value: float | None, decimals: int) -> str:
-    """A rounded number; with one decimal, a whole number goes without it."""
+    """Format a rounded number. With one decimal, a whole number is written without it."""
     if value is None:
         return "-"
     text = f"{value:.{decimals}f}"
@@ -223,7 +223,7 @@ def number(value: float | None, decimals: int) -> str:
 
 
 def _score_table(title: str, scores: Scores, columns: Sequence[Column]) -> Table:
-    """A row for each sequence and for each group of `_shown_groups`; columns that tell nothing are left out."""
+    """A row for each sequence and for each group of `_shown_groups`, without columns that have no values."""
     found: list[tuple[str, str, str, Score]] = [(s.sequence, "", s.sequence, s) for s in scores.sequences]
     found += [(_group_name(group), group.level, "", group) for group in _shown_groups(scores)]
     texts = [[column.cell(score) for column in columns] for *_, score in found]
@@ -236,7 +236,7 @@ def _score_table(title: str, scores: Scores, columns: Sequence[Column]) -> Table
 
 
 def _shown_groups(scores: Scores) -> Iterator[GroupScore]:
-    """A robot's mean says nothing new where each robot has one sequence, nor does that of a single sequence."""
+    """The groups whose means add something: none for one sequence, and no robots if each has one sequence."""
     if len(scores.sequences) < 2:
         return
     several = any(group.level == "robot" and group.sequences > 1 for group in scores.groups)
@@ -275,7 +275,7 @@ def _mean_row(name: str, difference: Difference) -> Row:
 
 
 def signed(difference: Difference, name: str) -> str:
-    """A change with its sign; none before a change that rounds to nothing."""
+    """Format a change with its sign, or without one if it rounds to zero."""
     text = number(difference.change, MEASURES[name].decimals)
     if not text.strip("-0."):
         return text.lstrip("-")

@@ -1,4 +1,4 @@
-"""The evaluation of a data set, gathered from the artifacts that are there; nothing is computed anew."""
+"""The evaluation of a data set, gathered from existing artifacts. Nothing is computed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ GROUPING: dict[Level, Callable[[SequenceScore], str | None]] = {
 
 @dataclass(frozen=True)
 class PlannedSequence:
-    """A sequence that is to be evaluated: what it shows, and where its artifacts lie."""
+    """A sequence to be evaluated: its origin and the places of its artifacts."""
 
     name: str
     origin: Mapping[str, str]
@@ -49,7 +49,7 @@ class PlannedSequence:
 
 
 def gather(request: Request, split: str | None = None) -> Scores:
-    """The evaluation of every sequence of a request that has one, and why the others have none.
+    """Gather the evaluations of a request's sequences, and the reasons for missing ones.
 
     Raises InputError as `plan` does, and for a split that the data set does not have.
     """
@@ -70,7 +70,7 @@ def gather(request: Request, split: str | None = None) -> Scores:
 def scores_of(
     request: Request, planned: Iterable[PlannedSequence], missing: Sequence[MissingScore], split: str | None = None
 ) -> Scores:
-    """The evaluation of planned sequences, beside those that are known to be `missing`. No input is read."""
+    """Gather the evaluations of planned sequences. `missing` ones are known already. No input is read."""
     found = [score_of(sequence) for sequence in planned]
     scores = [entry for entry in found if isinstance(entry, SequenceScore)]
     return Scores(
@@ -85,7 +85,7 @@ def scores_of(
 
 
 def sequences_of(split: str, request: Request) -> set[str]:
-    """The names of a split's sequences. Raises InputError for a split that the data set does not have."""
+    """The names of a split's sequences. Raises InputError if the data set does not have the split."""
     sources = list_sources(request.config.ingest, request.data)
     splits = {source.name: origin_of(source).get("split") for source in sources}
     names = {name for name, of in splits.items() if of == split}
@@ -97,7 +97,7 @@ def sequences_of(split: str, request: Request) -> set[str]:
 
 
 def score_of(planned: PlannedSequence) -> SequenceScore | MissingScore:
-    """The evaluation of one sequence, or why it has none."""
+    """The evaluation of one sequence, or the reason why it has none."""
     statuses = [task_status(place) for place in planned.places]
     directories = {place.stage: place.directory for place in planned.places}
     done = {status.stage for status in statuses if status.state == "done"}
@@ -110,7 +110,7 @@ def score_of(planned: PlannedSequence) -> SequenceScore | MissingScore:
     costs = costs_of(planned.places)
 
     def folder(stage: str) -> str | None:
-        """From the working directory, which holds data sets, which hold sequences."""
+        """The folder of a stage's artifact relative to the working directory: data set, sequence, artifact."""
         return Path(*directories[stage].parts[-3:]).as_posix() if stage in done else None
 
     return SequenceScore(
@@ -125,7 +125,7 @@ def score_of(planned: PlannedSequence) -> SequenceScore | MissingScore:
 
 
 def costs_of(places: Sequence[Place]) -> dict[str, StageCost]:
-    """What each stage took, by the manifests of those artifacts that are still there, and sound."""
+    """The cost of each stage, from the manifests of existing intact artifacts."""
     costs: dict[str, list[StageCost]] = {}
     for place in places:
         with contextlib.suppress(artifacts.ArtifactError):
@@ -136,7 +136,7 @@ def costs_of(places: Sequence[Place]) -> dict[str, StageCost]:
 
 
 def groups_of(scores: Sequence[SequenceScore]) -> Iterator[GroupScore]:
-    """The means of every robot, type and split that the data set tells, and over all."""
+    """Yield the means over every robot, type and split that the data set defines, and over all sequences."""
     for level, name_of in GROUPING.items():
         groups: dict[str, list[SequenceScore]] = {}
         for score in scores:
@@ -149,7 +149,7 @@ def groups_of(scores: Sequence[SequenceScore]) -> Iterator[GroupScore]:
 
 
 def _figures(group: Sequence[SequenceScore]) -> Figures:
-    """The means of a group, and what only all its joints together tell: single sequences have few wrong ones."""
+    """The means of a group, and the AUC of all its joints together: one sequence has too few wrong joints for that."""
     verdicts = [verdict for score in group for verdict in score.metrics.verdicts]
     confidence = np.array([verdict.confidence for verdict in verdicts], dtype=np.float64)
     right = np.array([verdict.right for verdict in verdicts], dtype=bool)
@@ -157,7 +157,7 @@ def _figures(group: Sequence[SequenceScore]) -> Figures:
 
 
 def read_scores(path: Path) -> Scores:
-    """An evaluation that was written earlier. Raises InputError where the file is not one."""
+    """Read an earlier evaluation. Raises InputError if the file is not one."""
     advice = "expected an evaluation.json that `reart evaluate` wrote; check the path"
     try:
         return Scores.model_validate_json(read_whole(path))
@@ -172,7 +172,7 @@ def _state_of(error: artifacts.ArtifactError) -> MissingState:
 
 
 def _why_missing(sequence: str, statuses: Sequence[TaskStatus]) -> MissingScore:
-    """The first task that failed, or whose artifact cannot be used, tells; else whether anything was computed."""
+    """Explain a missing evaluation by the first failed task or unusable artifact, or say that it was not computed."""
     for status in statuses:
         if status.state in ("failed", "corrupt", "unreadable"):
             message = f"{status.task}: {status.message}"

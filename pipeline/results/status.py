@@ -1,4 +1,4 @@
-"""Where the sequences of a request stand, from what is on the disk."""
+"""The state of every task of a request, read from the disk."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ State = Literal["done", "failed", "corrupt", "unreadable", "stale", "missing"]
 
 
 class TaskStatus(Schema):
-    """One task: `stale` means that only an artifact of other settings, input or code is there.
+    """The state of one task.
 
-    `unreadable` means that this process cannot tell, for want of memory or permission.
+    `stale` means that only artifacts of other settings, input or code exist. `unreadable` means that this process lacks
+    the memory or the permission to check.
     """
 
     sequence: str
@@ -36,7 +37,7 @@ class TaskStatus(Schema):
 
 
 def collect(request: Request, check: bool = False) -> list[TaskStatus]:
-    """The state of every task of a request, sequence by sequence; `check` reads every file. Raises as `plan` does."""
+    """The state of every task of a request, by sequence. `check` reads every file. Raises InputError as `plan` does."""
     unreadable: list[TaskStatus] = []
 
     def note(event: Event) -> None:
@@ -51,7 +52,7 @@ def collect(request: Request, check: bool = False) -> list[TaskStatus]:
 
 
 def task_status(place: Place, check: bool = False) -> TaskStatus:
-    """The state of one task. An artifact is done by its manifest; `check` reads all its files, too."""
+    """The state of one task. An artifact with a manifest counts as done; `check` also reads all its files."""
 
     def status(state: State, **more: object) -> TaskStatus:
         name = {"sequence": place.sequence, "stage": place.stage, "task": place.task}

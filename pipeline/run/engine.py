@@ -1,8 +1,8 @@
 """The engine: the process that runs Luigi and forks a worker for every task.
 
-The command line starts it with `python -P -m pipeline.run.engine EVENTS PARENT`: the pipe's descriptor for its
-events and the process that it dies with; the request comes on standard input. It stays apart from the
-command line so that the screen never forks, and so that killing one process ends everything at once.
+The command line starts it with `python -P -m pipeline.run.engine EVENTS PARENT` and sends the request on standard
+input. EVENTS is the descriptor of the pipe for its events, PARENT the process that it dies with. It is separate from
+the command line, so that the process with the display never forks, and so that killing one process ends everything.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from schemas.errors import InputError
 
 
 class LocalLuigi:
-    """Luigi on one machine: nothing is forgotten or tried again while a run lasts, each task has its own process."""
+    """Luigi on one machine. It forgets and retries nothing during a run, and runs each task in its own process."""
 
     def create_local_scheduler(self) -> luigi.scheduler.Scheduler:
         return luigi.scheduler.Scheduler(
@@ -48,12 +48,12 @@ class LocalLuigi:
             force_multiprocessing=True,
             wait_interval=0.2,
             send_failure_email=False,
-            check_unfulfilled_deps=False,  # a task reads what it needs, and says better what is wrong with it
+            check_unfulfilled_deps=False,  # a task reads its inputs, with better messages
         )
 
 
 def run(request: Request, notify: Listener) -> None:
-    """Bring every requested sequence as far as it goes. Raises InputError for a request that cannot be met."""
+    """Bring every requested sequence as far as possible. Raises InputError for a request that cannot be met."""
     artifacts.sweep(request.workdir)
     jobs = [job for job in plan(request, notify) if announce(job)]
     tasks = upstream_first(task for job in jobs for task in final_tasks(job))
@@ -61,7 +61,7 @@ def run(request: Request, notify: Listener) -> None:
     ingests = [IngestTask(job=job) for job in jobs]
     ingest(ingests, {task.stage for task in tasks if not task.complete()}, request.workers)
     tasks = upstream_first(task for ingest in ingests if ingest.complete() for task in final_tasks(ingest.job))
-    pending = [task for task in tasks if not task.complete()]  # also one that is missing before complete ones
+    pending = [task for task in tasks if not task.complete()]  # a missing artifact may precede complete ones
     if pending:
         preload({task.stage for task in pending})
         check_plugins(request.config)
@@ -69,7 +69,7 @@ def run(request: Request, notify: Listener) -> None:
 
 
 def announce(job: Job) -> bool:
-    """Tell what is to be made of a sequence. False, and a failure is told, where its folder cannot be looked into."""
+    """Report the planned tasks of a sequence. If its folder cannot be read, report a failure and return False."""
     origin = origin_of(job.source)
     for task in upstream_first(final_tasks(job)):
         try:
@@ -82,9 +82,9 @@ def announce(job: Job) -> bool:
 
 
 def ingest(tasks: Sequence[StageTask], pending: Collection[str], workers: int) -> None:
-    """Ingest, first of all, so that bad input is told at once; and preload the pending stages meanwhile.
+    """Ingest first, so that bad input is reported at once, and preload the pending stages meanwhile.
 
-    Not so for a single sequence: it may be bad input, and then there is nothing to preload for.
+    A single sequence is ingested before preloading: if it is bad input, no stage is needed.
     """
     if not pending:
         return
@@ -106,7 +106,7 @@ def _build_beside(tasks: Sequence[StageTask], workers: int) -> None:
 
 
 def build(tasks: Sequence[StageTask], workers: int) -> None:
-    """Run tasks and all that they need. How it went is told by their events and by what is complete."""
+    """Run tasks and all that they need. Their events and the complete artifacts show the outcome."""
     luigi.build(
         tasks,
         worker_scheduler_factory=LocalLuigi(),
@@ -117,15 +117,15 @@ def build(tasks: Sequence[StageTask], workers: int) -> None:
 
 
 def preload(stages: Iterable[str]) -> None:
-    """Import stages once, so that workers, which are forked, need not: torch alone takes seconds.
+    """Import stages once, so that forked workers need not: torch alone takes seconds.
 
-    Importing is all that may happen here. Numeric work in a process that forks leaves its children waiting
-    for threads that they do not have. What was imported stays, so no garbage collection looks at it, neither
-    meanwhile nor in a worker, which would come to copy it all.
+    Nothing but imports may happen here. After numeric work in a forking process, its children would wait for threads
+    that they do not have. The imported objects are frozen, so that no garbage collection visits them. In a worker that
+    would copy their memory.
     """
     gc.disable()
     for module in ("zarr", *(f"stages.{stage}.stage" for stage in stages)):
-        with contextlib.suppress(Exception):  # the worker meets the same error, and reports it as the stage's
+        with contextlib.suppress(Exception):  # the worker meets the same error and reports it
             importlib.import_module(module)
     package_versions()
     gc.freeze()
@@ -134,7 +134,7 @@ def preload(stages: Iterable[str]) -> None:
 
 @StageTask.event_handler(luigi.Event.DEPENDENCY_MISSING)
 def report_unknown(task: StageTask) -> None:
-    """Luigi could not find out whether a task is complete, and does not say why."""
+    """Report a task whose completeness Luigi could not determine. Luigi does not pass on the reason."""
     try:
         task.complete()
     except Exception as error:
@@ -143,9 +143,9 @@ def report_unknown(task: StageTask) -> None:
 
 @StageTask.event_handler(luigi.Event.PROCESS_FAILURE)
 def report_dead_worker(task: StageTask, luigi_message: str) -> None:
-    """A worker that was killed, or crashed, could not record its failure itself."""
+    """Report a worker that was killed or crashed, and so could not report its failure itself."""
     if task.complete():
-        return  # it crashed on its way out, after its work was done
+        return  # it crashed at its exit, after its work was done
     code = int(re.findall(r"-?\d+", luigi_message)[-1])
     hint = " (most often for lack of memory)" if code == -signal.SIGKILL else ""
     task.fail(ProcessDied(f"its process ended without a word: {how_it_ended(code)}{hint}"))
@@ -155,16 +155,16 @@ def main() -> None:
     events, parent = map(int, sys.argv[1:])
     die_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command line, which ends us
-    faulthandler.enable(2)  # a crash in a C library leaves its traceback: a worker's goes to its log
+    faulthandler.enable(2)  # print the traceback of a crash in a C library; a worker's goes to its log
     multiprocessing.set_start_method("fork")
-    sys.path.append(os.getcwd())  # for the user's own stage functions; last, so that nothing of ours is shadowed
+    sys.path.append(os.getcwd())  # for the user's own stage functions; last, so that it shadows none of our modules
     notify = write_to_pipe(events)
     try:
         run(Request.model_validate_json(sys.stdin.buffer.read()), notify)
     except InputError as error:
         notify(Event(kind="refused", message=str(error)))
     except (OSError, MemoryError) as error:
-        sys.exit(one_line(error))  # the last line that the command line hears
+        sys.exit(one_line(error))  # the last line that the command line reads
 
 
 if __name__ == "__main__":

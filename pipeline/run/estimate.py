@@ -1,4 +1,4 @@
-"""How long a run will still take, from how long its stages took so far."""
+"""Estimation of a run's remaining time from the time that its stages took so far."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Task = tuple[str, str]
 
 
 class Estimate:
-    """Follows a run's events. Times are those of any clock that the caller reads, in seconds."""
+    """Estimate of the remaining time, which follows a run's events. Times are seconds of the caller's clock."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -18,7 +18,7 @@ class Estimate:
         self.seconds: dict[str, list[float]] = {}
 
     def note(self, event: Event, now: float) -> None:
-        """Take in one event."""
+        """Update the estimate by one event."""
         task = (event.sequence, event.task)
         if event.kind == "planned" and not event.complete:
             self.waiting.add(task)
@@ -33,9 +33,9 @@ class Estimate:
             self.waiting = {other for other in self.waiting if other[0] != event.sequence}  # most of them need it
 
     def remaining(self, now: float) -> float | None:
-        """Seconds to the end; None while there is a stage ahead of which none was finished yet.
+        """Seconds to the end; None while some remaining stage has no finished example yet.
 
-        All workers share the work evenly, but no sequence is done before its own stages, one after the other.
+        The estimate assumes that all workers share the work evenly, and that each sequence's stages run one by one.
         """
         left = {task: self._expected(task) for task in self.waiting}
         for task, start in self.running.items():
@@ -53,7 +53,7 @@ class Estimate:
 
 
 def _chain(seconds: dict[Task, float], sequence: str) -> float:
-    """The time that one sequence needs where its candidates run side by side."""
+    """The time that one sequence needs if its candidates run in parallel."""
     longest: dict[str, float] = {}
     for (of, task), duration in seconds.items():
         if of == sequence:

@@ -1,4 +1,4 @@
-"""What an exception says to the user: one line, with what to do where that is known."""
+"""Exceptions as one line for the user, with advice where that is known."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ ADVICE = {
     errno.EAGAIN: f"allow more processes (ulimit -u), {AGAIN}",
     errno.ELOOP: "check its symbolic links",
 }
-NO_MEMORY = "can't allocate memory"  # torch says so in a RuntimeError
+NO_MEMORY = "can't allocate memory"  # torch raises a RuntimeError with this text
 SHOWN_PATH = 200  # characters of a path
 
 
 class ProcessDied(Exception):
-    """A worker ended without a word of its own. The message is one line."""
+    """A worker ended without reporting anything. The message is one line."""
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception says, as one line. Of InputError and ArtifactError that is the message as it is."""
+    """Format an exception as one line. The messages of InputError and ArtifactError stay as they are."""
     text = " ".join(str(error).split())
     match error:
         case InputError() | ArtifactError() | ProcessDied():

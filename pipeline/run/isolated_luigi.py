@@ -1,7 +1,7 @@
-"""Luigi with nobody's settings but ours. Import it from here.
+"""Luigi with our settings alone. Import it from here.
 
-Luigi reads a luigi.cfg in the current folder, those in /etc and one named by the environment, as soon as
-it is imported. Here it is imported from a folder that has none, and what it found elsewhere is dropped.
+On import, Luigi reads a luigi.cfg in the current folder, in /etc, and at a path from the environment. This module
+imports it in a folder without such a file, and drops the settings that it found elsewhere.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 for _name in ("LUIGI_CONFIG_PATH", "LUIGI_CONFIG_PARSER"):
     os.environ.pop(_name, None)
 with contextlib.chdir(Path(__file__).parent), warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)  # of Luigi's own, about a setting that we do not use
+    warnings.simplefilter("ignore", DeprecationWarning)  # Luigi's own warning about an unused setting
     import luigi as luigi
     import luigi.configuration
     import luigi.scheduler

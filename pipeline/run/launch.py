@@ -1,4 +1,4 @@
-"""The command line's side of a run: start the engine, follow its events, and tell how it ended."""
+"""The command line's side of a run: start the engine, follow its events, and return the outcome."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FAILED, BAD_INPUT = 1, 2
 
 @dataclass
 class Outcome:
-    """What a run was to make, and what went wrong."""
+    """The planned artifacts of a run, and its failures."""
 
     folder: Path
     planned: dict[tuple[str, str], Place] = field(default_factory=dict)
@@ -38,28 +38,28 @@ class Outcome:
             self.planned[event.sequence, event.task] = Place(event.sequence, event.task, directory)
             self.origins[event.sequence] = event.origin
         elif event.kind == "failed":
-            self.failures.setdefault((event.sequence, event.task), event)  # the cause; what follows from it comes later
+            self.failures.setdefault((event.sequence, event.task), event)  # the first failure is the cause
         elif event.kind == "warning" and not event.artifact:
             self.unavailable[event.sequence] = event.message
         elif event.kind == "refused":
             self.refused = event.message
 
     def incomplete(self) -> list[tuple[str, str]]:
-        """(sequence, task) of what is not there: asked of the disk, not of the engine."""
+        """(sequence, task) of each missing artifact, as found on the disk rather than reported by the engine."""
         return [task for task, place in self.planned.items() if not self.is_complete(place)]
 
     def is_complete(self, place: Place) -> bool:
-        """Whether an artifact is there, as far as this process may look."""
+        """Whether an artifact is complete. One that this process may not read counts as incomplete."""
         with contextlib.suppress(artifacts.UnreadableArtifactError):
             return artifacts.completed_at(place.directory) is not None
         return False
 
     def places_of(self, sequence: str) -> list[Place]:
-        """Where a sequence's artifacts lie, each after what it was made from."""
+        """The places of a sequence's artifacts, each after the ones that it was made from."""
         return [place for place in self.planned.values() if place.sequence == sequence]
 
     def exit_code(self) -> int:
-        """0 where everything is there; 2 where only the user's input was wrong; 1 for any other failure."""
+        """The exit code: 0 if everything is complete, 2 if only the user's input was wrong, 1 for other failures."""
         if self.refused:
             return BAD_INPUT
         if self.died:
@@ -71,14 +71,14 @@ class Outcome:
         return FAILED if self.incomplete() else 0
 
     def log_of(self, failure: Event) -> Path | None:
-        """The log of a failed task; None where it failed before it had one."""
+        """The log of a failed task; None if it failed before it had one."""
         if not failure.artifact:
             return None
         return self.folder / failure.sequence / f"{failure.artifact}.log"
 
 
 def run(request: Request, on_event: Callable[[Event], None]) -> Outcome:
-    """Run the engine to its end. However this returns or raises, no process of the run is left."""
+    """Run the engine to its end. No process of the run is left when this returns or raises."""
     outcome = Outcome(request.workdir / request.dataset)
     reading, writing = os.pipe()
     with open(reading, "rb") as events, tempfile.TemporaryFile() as words:
@@ -99,7 +99,7 @@ def run(request: Request, on_event: Callable[[Event], None]) -> Outcome:
                 on_event(event)
         except BaseException:
             engine.kill()
-            events.read()  # every worker holds the pipe, so its end is the end of the last of them
+            events.read()  # every worker holds the pipe open, so it ends with the last of them
             artifacts.sweep(request.workdir)
             raise
         finally:
@@ -111,7 +111,7 @@ def run(request: Request, on_event: Callable[[Event], None]) -> Outcome:
 
 def _send(engine: subprocess.Popen[bytes], request: Request) -> None:
     assert engine.stdin is not None
-    with contextlib.suppress(BrokenPipeError), engine.stdin as stdin:  # a dead engine is noticed at its end
+    with contextlib.suppress(BrokenPipeError), engine.stdin as stdin:  # a dead engine is noticed later
         stdin.write(request.model_dump_json().encode())
 
 

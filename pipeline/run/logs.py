@@ -1,4 +1,4 @@
-"""The log of a stage: everything that its process says while it runs."""
+"""The log of a stage: all output of its process while it runs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ OUR_LOGGER = "rearticulate"
 
 @contextlib.contextmanager
 def captured(path: Path, on_warning: Callable[[str], None]) -> Iterator[None]:
-    """Send standard output, standard error (those of C libraries too) and all logging to a new file.
+    """Redirect standard output, standard error (also of C libraries) and all logging to a new file.
 
-    Another process that writes a log of the same path keeps its own. Raises OSError where the file cannot be made.
-    Warnings of our own loggers are for the user: `on_warning` gets them as well.
+    Another process that writes a log at the same path keeps its own file. Warnings of our own loggers are for the user,
+    so `on_warning` receives them as well. Raises OSError if the file cannot be made.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     root = logging.getLogger()

@@ -1,4 +1,4 @@
-"""Which task comes first, where more could be computed than there are workers."""
+"""Priorities of tasks, for when more are ready than there are workers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pipeline.run.task import StageTask, upstream_first
 
 
 def prioritise(ends: Sequence[Sequence[StageTask]], workers: int) -> None:
-    """Give all tasks that these need their priority; `ends` are the last tasks of each sequence.
+    """Set the priority of `ends`, the last tasks of each sequence, and of all tasks that they need.
 
-    One sequence keeps few workers busy, because its stages wait for one another. Were sequences finished one by
-    one, most workers would idle during the last. So the more workers there are, the farther the early stages of
-    later sequences run ahead of the last stages of earlier ones: what remains at the end is short and independent.
+    One sequence keeps few workers busy, because its stages wait for one another. If sequences were finished one by
+    one, most workers would idle during the last one. So early stages of later sequences run ahead of the last stages of
+    earlier ones, the farther the more workers there are. The tasks that remain at the end are short and independent.
     """
     for rank, tasks in enumerate(reversed(ends), start=1):
         for task, height in heights(tasks).items():
@@ -20,7 +20,7 @@ def prioritise(ends: Sequence[Sequence[StageTask]], workers: int) -> None:
 
 
 def heights(tasks: Sequence[StageTask]) -> dict[StageTask, int]:
-    """How many tasks wait for each, one after the other; for these and all that they need."""
+    """The length of the longest chain of tasks that wait for each task, for these and all that they need."""
     ordered = upstream_first(tasks)
     height = dict.fromkeys(ordered, 0)
     for task in reversed(ordered):

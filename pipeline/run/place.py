@@ -1,4 +1,4 @@
-"""Where the artifact of one task lies, and what lies beside it."""
+"""The place of one task's artifact, and of the files beside it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Place:
-    """One task's artifact, `<stage>-<key>/` in its sequence's folder. Nothing needs to be there yet."""
+    """The place of one task's artifact, `<stage>-<key>/` in its sequence's folder. It need not exist yet."""
 
     sequence: str
     task: str  # the stage's label, as in `merging[0]`
@@ -28,5 +28,5 @@ class Place:
 
 
 def stage_of(task: str) -> str:
-    """The stage of a task's label: `relaxed_fit` of `relaxed_fit[1]`."""
+    """The stage in a task's label: `relaxed_fit` for `relaxed_fit[1]`."""
     return task.partition("[")[0]

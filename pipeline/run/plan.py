@@ -1,4 +1,4 @@
-"""From a request to jobs: which sequences there are, and what a rerun replaces."""
+"""Planning of a run: from a request to one job for each sequence."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from stages.ingest.truth import truth_files
 
 
 def plan(request: Request, notify: Listener = ignore) -> list[Job]:
-    """A job for each requested sequence; one whose input cannot be read is reported as failed and left out.
+    """Make a job for each requested sequence. A sequence with unreadable input is reported as failed and left out.
 
-    What this machine does not have fails only where it was asked for by name; else a warning tells how to get
-    it. Raises InputError where the request itself cannot be met: unknown sequences or stages, no data.
+    Input that this machine lacks is a failure only if the sequence was requested by name. Otherwise a warning says how
+    to get it. Raises InputError if the request cannot be met: unknown sequences or stages, or no data.
     """
     if request.rerun is not None and request.rerun not in STAGES:
         raise InputError(f"stage: found {request.rerun!r}, expected one of {', '.join(STAGES)}")
@@ -50,7 +50,7 @@ def _job(source: Source, request: Request, notify: Listener) -> Job:
 
 
 def origin_of(source: Source) -> dict[str, str]:
-    """What a sequence shows, where that has a name; of RoboArt's robots and of people the type and the split, too."""
+    """The origin of a sequence: the name of what it shows, and for robots and people its type and split."""
     match source:
         case RoboartSource(thing=robot):
             from stages.ingest.roboart import robot_kind, robot_split
@@ -67,7 +67,7 @@ def origin_of(source: Source) -> dict[str, str]:
 
 
 def downstream_of(stage: str, tasks: Sequence[StageTask]) -> list[StageTask]:
-    """The tasks of a stage and all that read, directly or not, what they write."""
+    """The tasks of a stage, and all tasks that depend on them."""
     affected: list[StageTask] = []
     for task in upstream_first(tasks):
         if task.stage == stage or any(needed in affected for needed in task.requires().values()):
@@ -90,7 +90,7 @@ def _sources(request: Request) -> list[Source]:
 
 
 def _truth_file(truth: Path) -> Path:
-    """The ground truth in a folder, or the path as it is. Raises InputError where there is none."""
+    """The ground truth's file in a folder, or the path itself. Raises InputError if there is none."""
     inside = truth / "ground_truth.npz"
     found = inside if inside.is_file() else truth
     if not truth_files(found):

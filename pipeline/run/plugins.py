@@ -1,4 +1,4 @@
-"""Swappable parts of stages that are a user's own: functions, named `package.module:function`, and weights."""
+"""A user's own parts of stages: functions, named `package.module:function`, and weights."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from schemas.seal import file_sha256
 
 
 def own_code(name: str) -> dict[str, str]:
-    """The digest of the file that a user's own function is in, by the function's name; empty for one of ours.
+    """The digest of the file of a user's own function, by the function's name; empty for one of ours.
 
-    It is found as an import would find it, last in the current folder, but nothing is imported.
+    The file is found as an import would find it, with the current folder last, but nothing is imported.
     """
     module, separator, _ = name.partition(":")
     file = _source_file(module.split(".")) if separator else None
@@ -27,12 +27,12 @@ def own_code(name: str) -> dict[str, str]:
 
 
 def own_weights(path: Path | None) -> dict[str, str]:
-    """The digest of a file of weights, by its path; empty without one."""
+    """The digest of a file of weights, by its path; empty if there is no file."""
     return {} if path is None or not os.path.isfile(path) else {str(path): _digest(path)}
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 (hex) of a file. Raises InputError where it cannot be read."""
+    """SHA-256 (hex) of a file. Raises InputError if it cannot be read."""
     try:
         return file_sha256(path)
     except OSError as error:
@@ -40,10 +40,10 @@ def _digest(path: Path) -> str:
 
 
 def check_plugins(config: PipelineConfig) -> None:
-    """Raises InputError where a swappable part cannot be used: before hours of computing, not after.
+    """Raise InputError if a swappable part cannot be used, before hours of computing.
 
-    Looked up in a child process: the user's module may do anything when it is imported, and the engine
-    must stay fit to fork. The parts that are ours by default need no check.
+    A child process looks the part up, because importing the user's module may do anything and the engine must remain
+    able to fork. Our own default parts need no check.
     """
     if _swappable(config) == _swappable(PipelineConfig()):
         return
@@ -54,7 +54,7 @@ def check_plugins(config: PipelineConfig) -> None:
     try:
         problem = receiver.recv()
     except EOFError:
-        problem = None  # the module took its process down; the stage will tell, with a log
+        problem = None  # the module crashed its process; the stage reports that, with a log
     child.join()
     if problem:
         raise InputError(problem)

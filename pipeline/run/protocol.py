@@ -1,4 +1,4 @@
-"""What the command line and its engine process say to each other: one request, then a stream of events."""
+"""The protocol between the command line and its engine process: one request, then a stream of events."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pydantic import Field, field_validator
 from schemas.artifact import Schema
 from schemas.config import PipelineConfig
 
-MESSAGE_LIMIT = 500  # characters, of up to six bytes each: an event's line stays below PIPE_BUF
+MESSAGE_LIMIT = 500  # characters of up to six bytes, so that an event's line stays below PIPE_BUF
 
 
 class Request(Schema):
-    """What to compute: every final artifact of these sequences."""
+    """A request to compute every final artifact of these sequences."""
 
     dataset: str
     workdir: Path
@@ -30,7 +30,7 @@ class Request(Schema):
 
 
 class Event(Schema):
-    """One piece of news of one task, or of the whole run where `sequence` is empty."""
+    """An event of one task, or of the whole run if `sequence` is empty."""
 
     kind: Literal["refused", "planned", "started", "progress", "warning", "finished", "failed"]
     sequence: str = ""
@@ -48,7 +48,7 @@ class Event(Schema):
     @field_validator("message")
     @classmethod
     def _sendable(cls, message: str) -> str:
-        """A message that fits into a line; a file's name in it may hold bytes that are no text."""
+        """Shorten a message to fit a line, and escape bytes in file names that are not text."""
         return message.encode("utf-8", "backslashreplace").decode()[:MESSAGE_LIMIT]
 
 
@@ -56,14 +56,14 @@ Listener = Callable[[Event], None]
 
 
 def ignore(event: Event) -> None:
-    """A listener that hears nothing."""
+    """A listener that drops every event."""
 
 
 def write_to_pipe(handle: int) -> Listener:
-    """A listener that writes events to a pipe, as lines of JSON.
+    """Make a listener that writes JSON lines to a pipe.
 
-    One `os.write` below PIPE_BUF (4096 bytes) is atomic, so workers share the pipe without a lock that a
-    killed one could take with it. Where nobody listens any more the process ends.
+    An `os.write` below PIPE_BUF (4096 bytes) is atomic, so workers share the pipe without a lock, which a killed worker
+    might never release. The process ends if the pipe has no reader any more.
     """
 
     def notify(event: Event) -> None:

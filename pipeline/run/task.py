@@ -1,4 +1,4 @@
-"""The base of all tasks: one stage of one sequence, from the artifacts that it reads to the one it writes."""
+"""The base of all tasks. A task runs one stage of one sequence: it reads artifacts and writes one."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ PROGRESS_INTERVAL = 0.2  # seconds
 PACKAGES = ("rearticulate", "numpy", "scipy", "torch", "open3d-cpu", "open3d", "networkx", "pykdtree", "zarr", "luigi")
 
 
-@dataclass(frozen=True, eq=False, repr=False)  # Luigi takes the repr of all arguments whenever a task is made
+@dataclass(frozen=True, eq=False, repr=False)  # Luigi calls repr on all arguments whenever a task is made
 class Job:
-    """One sequence to be processed: what all its tasks share."""
+    """One sequence to be processed, with everything that its tasks share."""
 
     dataset: str
     source: Source
@@ -49,7 +49,7 @@ class Job:
     config: PipelineConfig
     workdir: Path
     notify: Listener = ignore
-    replaces: dict[Path, int] = field(default_factory=dict)  # what a rerun makes anew: when it was completed
+    replaces: dict[Path, int] = field(default_factory=dict)  # artifact to replace -> when it was completed
 
     @property
     def folder(self) -> Path:
@@ -57,7 +57,7 @@ class Job:
 
 
 class JobParameter(luigi.Parameter[Job]):
-    """Hands the job from task to task. It is no part of a task's identity: the key says it all."""
+    """The job as a task's parameter. It is not part of a task's identity, which the key determines."""
 
     def __init__(self) -> None:
         super().__init__(significant=False, visibility=luigi.parameter.ParameterVisibility.PRIVATE)
@@ -65,10 +65,10 @@ class JobParameter(luigi.Parameter[Job]):
 
 @dataclass(frozen=True)
 class Given:
-    """What a stage may know besides the artifacts that it reads. The artifact's key and folder cover all of it.
+    """The inputs of a stage besides the artifacts that it reads. The artifact's key and folder cover all of them.
 
-    `settings` holds the sections that the task declares, and no others. Its type is that of the whole configuration, so
-    that types are checked; whoever reads another section gets an AttributeError.
+    `settings` holds only the sections that the task declares; reading another one raises AttributeError. It is typed as
+    the whole configuration so that types can be checked.
     """
 
     source: Source
@@ -82,8 +82,8 @@ class StageTask(luigi.Task):
     """One stage of one sequence. A subclass states `stage`, `version`, `schema`, `requires` and `compute`.
 
     `version` is VERSION of the stage's package. `also` names the sections of the configuration that `compute` reads
-    besides the stage's own; each must be that of a stage further up, whose key, and so this task's, covers it.
-    `compute` and `files` are static: they cannot reach the job, where the other settings are.
+    besides the stage's own. Each must belong to an upstream stage: its key covers the section, and this task's key
+    covers that key. `compute` and `files` are static, so that they cannot reach the job, which holds all settings.
     """
 
     stage: ClassVar[str]
@@ -94,24 +94,24 @@ class StageTask(luigi.Task):
     job = JobParameter()
 
     def requires(self) -> dict[str, StageTask]:
-        """The tasks whose artifacts this one reads, by the names that `compute` knows them by."""
+        """The tasks whose artifacts this one reads, by their names in `compute`'s inputs."""
         return {}
 
     def check(self, inputs: Mapping[str, Any]) -> None:
-        """Refuse, before any work, settings of later stages that these inputs rule out. Raises InputError."""
+        """Check, before any work, that the settings of later stages suit these inputs. Raises InputError."""
 
     @staticmethod
     def compute(inputs: Mapping[str, Any], given: Given) -> Artifact:
-        """The stage itself: its output from what `requires` names."""
+        """Run the stage: compute its output from the artifacts that `requires` names."""
         raise NotImplementedError
 
     def parameters(self) -> dict[str, Any]:
-        """What tells this task from others of the same stage and sequence."""
+        """The parameters that distinguish this task from others of the same stage and sequence."""
         return {}
 
     @staticmethod
     def files(output: Any, inputs: Mapping[str, Any], given: Given) -> dict[str, bytes]:
-        """Files to be kept beside the arrays, for other programs and for people."""
+        """Files to store beside the arrays, for other programs and for people."""
         return {}
 
     def function(self) -> str:
@@ -119,12 +119,12 @@ class StageTask(luigi.Task):
         return ""
 
     def upstream_keys(self) -> dict[str, str]:
-        """The keys of what this task reads; the digest of a user's own function, which has no version, is one."""
+        """The keys of the artifacts that this task reads, and the digest of a user's own function."""
         return {name: task.key for name, task in self.requires().items()} | own_code(self.function())
 
     @property
     def settings(self) -> PipelineConfig:
-        """The sections that `compute` sees: the stage's own, where there is one, and those of `also`."""
+        """The sections that `compute` sees: the stage's own, if there is one, and those of `also`."""
         own = (self.stage,) if self.stage in PipelineConfig.model_fields else ()
         seen = {section: getattr(self.job.config, section) for section in own + self.also}
         return cast(PipelineConfig, SimpleNamespace(**seen))
@@ -155,23 +155,23 @@ class StageTask(luigi.Task):
         return Place(self.job.source.name, self.label, self.directory)
 
     def to_str_params(self, only_significant: bool = False, only_public: bool = False) -> dict[str, str]:
-        """What Luigi tells tasks apart by; it must hold the key, or tasks of two configurations are one."""
+        """The identity of the task for Luigi. It holds the key, which separates tasks of two configurations."""
         parameters = super().to_str_params(only_significant, only_public)
         return parameters | {"dataset": self.job.dataset, "sequence": self.job.source.name, "key": self.key}
 
     def complete(self) -> bool:
-        """Whether the artifact is there, and is not one that a rerun replaces. Costs one stat.
+        """Whether the artifact exists and is not to be replaced by a rerun. Costs one stat.
 
         Raises UnreadableArtifactError.
         """
         return artifacts.completed_at(self.directory) not in (None, self.job.replaces.get(self.directory))
 
     def read(self) -> Artifact:
-        """The artifact, checked. Raises ArtifactError."""
+        """Read and check the artifact. Raises ArtifactError."""
         return artifacts.read(self.directory, self.schema)
 
     def run(self) -> None:
-        """Read, compute and publish, in a worker process of its own; say how it went."""
+        """Read, compute and publish in a worker process, and report the outcome."""
         die_with_forking_parent()
         start = time.perf_counter()
         self.tell("started")
@@ -185,7 +185,7 @@ class StageTask(luigi.Task):
         self.tell("finished", seconds=time.perf_counter() - start)
 
     def fail(self, error: BaseException) -> None:
-        """Report that this attempt failed, and record it where that can be done."""
+        """Report that this attempt failed, and record the failure if possible."""
         bad_input = isinstance(error, InputError)
         self.tell("failed", message=one_line(error), bad_input=bad_input)
         failure = Failure(
@@ -197,7 +197,7 @@ class StageTask(luigi.Task):
             time=datetime.now(UTC),
             log=self.place.log.name,
         )
-        with contextlib.suppress(OSError):  # the disk may be what failed
+        with contextlib.suppress(OSError):  # the disk itself may have failed
             self.directory.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(self.place.failure, failure.model_dump_json(indent=1).encode() + b"\n")
 
@@ -241,7 +241,7 @@ class StageTask(luigi.Task):
         artifacts.publish(self.directory, output, provenance, files, replaces=self.job.replaces.get(self.directory))
 
     def _generator(self) -> np.random.Generator:
-        """A generator of this task's own, so that neither the workers' number nor their order matters."""
+        """A generator of this task alone, so that the number and order of workers do not matter."""
         identity = zlib.crc32(canonical_json([self.stage, self.parameters()]).encode())
         return np.random.default_rng([self.job.config.seed, identity])
 
@@ -259,7 +259,7 @@ class StageTask(luigi.Task):
 
 
 def upstream_first(tasks: Iterable[StageTask]) -> list[StageTask]:
-    """The tasks and all that they need, each once, after what it needs itself."""
+    """The tasks and all that they need. Each comes once, after the ones that it needs."""
     ordered: dict[StageTask, None] = {}
 
     def add(task: StageTask) -> None:
@@ -275,7 +275,7 @@ def upstream_first(tasks: Iterable[StageTask]) -> list[StageTask]:
 
 @cache
 def package_versions() -> dict[str, str]:
-    """The versions of Python and of the packages that matter. They are looked up once: that reads many files."""
+    """The versions of Python and of relevant packages. They are looked up once, since that reads many files."""
     versions = {"python": platform.python_version()}
     for package in PACKAGES:
         try:

@@ -1,7 +1,7 @@
 """The tasks, in the order in which data flows.
 
-A stage is a package whose `__init__` holds its VERSION and imports nothing, so that keys cost no time; its function is
-in `stage.py`, which is imported where it runs, in a worker process: torch takes seconds to import.
+A stage is a package. Its `__init__` holds its VERSION and imports nothing, so that keys cost no time. Its function is
+in `stage.py`, which only the worker process imports, since torch takes seconds to import.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class FlowTask(StageTask):
 class CandidateTask(StageTask):
     """A stage that runs once for each candidate canonical frame.
 
-    Which frame a candidate is depends on the sequence's length, which is known only after ingest; its
-    place among the candidates is known before, so that keys are too.
+    A candidate's frame depends on the sequence's length, which is known only after ingest. Its index among the
+    candidates is known before, so keys use the index.
     """
 
     candidate = luigi.IntParameter()
@@ -285,5 +285,5 @@ FINAL: tuple[type[StageTask], ...] = (ResultTask, ExportTask, EvaluationTask, Re
 
 
 def final_tasks(job: Job) -> list[StageTask]:
-    """What a sequence ends in."""
+    """The last tasks of a sequence."""
     return [task(job=job) for task in FINAL]

@@ -1,1 +1,1 @@
-"""What lies on the disk while the pipeline works: artifacts by their content keys, and files written whole."""
+"""The store on the disk: artifacts by their content keys, and files that are written whole."""

@@ -1,10 +1,11 @@
-"""An artifact's two halves on disk: its arrays in a zarr group, and everything else as JSON.
+"""The two halves of an artifact on disk: its arrays in a zarr group, and everything else as JSON.
 
-Measured on zarr 3.1.6: a missing or half-written chunk reads silently as the fill value, and plain zstd
-accepts a flipped bit. So empty chunks are written too, chunks carry checksums, and every array has a
-digest of its values in the manifest. One chunk per frame, in one shard an array, is fastest; where there is
-but one chunk a shard only costs. Both ways go through memory: zarr hands each file that it touches on disk to
-a thread, and that takes longer than all else that it does with a small array.
+In zarr 3.1.6 a missing or half-written chunk reads silently as the fill value, and plain zstd accepts a flipped bit.
+So empty chunks are written too, chunks carry checksums, and the manifest has a digest of every array's values.
+
+One chunk per frame, with all chunks of an array in one shard, was fastest. An array of one chunk has no shard, which
+would only cost time. Reading and writing go through memory, because zarr uses a thread for each file on disk, which
+takes longer than everything else for a small array.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ AnyArtifact = TypeVar("AnyArtifact", bound=Artifact)
 
 
 def arrays_of(artifact: Artifact, prefix: str = "") -> Iterator[tuple[str, ArraySpec, np.ndarray]]:
-    """(path, specification, array) of every array of an artifact and of the artifacts in its fields."""
+    """Yield (path, specification, array) of every array of an artifact and of its nested artifacts."""
     specs = {spec.name: spec for spec in artifact.array_specs()}
     for name, array in artifact.arrays().items():
         yield prefix + name, specs[name], array
@@ -37,13 +38,13 @@ def arrays_of(artifact: Artifact, prefix: str = "") -> Iterator[tuple[str, Array
 
 
 def payload_of(artifact: Artifact) -> dict[str, Any]:
-    """Every field that is not an array, as JSON; nested artifacts as nested objects."""
+    """Every field that is not an array, as JSON. Nested artifacts become nested objects."""
     payload = artifact.model_dump(mode="json", exclude={*artifact.arrays(), *(name for name, _ in _nested(artifact))})
     return payload | {name: payload_of(nested) for name, nested in _nested(artifact)}
 
 
 def assemble(schema: type[AnyArtifact], payload: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> AnyArtifact:
-    """The artifact from its two halves. Raises pydantic.ValidationError where they do not fit the schema."""
+    """Make an artifact from its two halves. Raises pydantic.ValidationError if they do not fit the schema."""
     values = _copy(payload)
     for path, array in arrays.items():
         *parents, name = path.split("/")
@@ -55,7 +56,7 @@ def assemble(schema: type[AnyArtifact], payload: Mapping[str, Any], arrays: Mapp
 
 
 def pack(arrays: Iterable[tuple[str, ArraySpec, np.ndarray]]) -> tuple[dict[str, bytes], tuple[ArrayEntry, ...]]:
-    """The files of a new zarr group, by their path in it, and the manifest's array table."""
+    """Pack arrays into a new zarr group: its files by their path in it, and the manifest's array table."""
     import zarr
     from zarr.storage import MemoryStore
 
@@ -66,7 +67,7 @@ def pack(arrays: Iterable[tuple[str, ArraySpec, np.ndarray]]) -> tuple[dict[str,
 
 
 def read_array(files: Mapping[str, bytes], entry: ArrayEntry) -> np.ndarray:
-    """One array from its files, by their path in it. Raises ValueError where it is not as the array table says."""
+    """Read one array from a group's files. Raises ValueError if it differs from its entry in the array table."""
     import zarr
     from zarr.buffer import cpu
     from zarr.storage import MemoryStore
@@ -103,7 +104,7 @@ def _write_array(group: zarr.Group, path: str, spec: ArraySpec, array: np.ndarra
 
 
 def _chunk_shape(dims: tuple[str, ...], shape: tuple[int, ...]) -> tuple[int, ...]:
-    """A chunk holds one frame where frames lead, else a block of rows."""
+    """The shape of a chunk: one frame if the first axis is frames, else a block of rows."""
     rows = 1 if dims[0] == "frames" else ROWS_PER_CHUNK
     return tuple(max(1, size) for size in (min(rows, shape[0]), *shape[1:]))
 
@@ -118,5 +119,5 @@ def _nested(artifact: Artifact) -> list[tuple[str, Artifact]]:
 
 
 def _copy(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Copies the objects of a JSON tree, so that arrays can be put into them; lists are shared."""
+    """Copy the objects of a JSON tree, so that arrays can be put into them. Lists are shared."""
     return {name: _copy(value) if isinstance(value, Mapping) else value for name, value in tree.items()}

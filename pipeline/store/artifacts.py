@@ -1,8 +1,8 @@
-"""The artifact store: `workdir/<dataset>/<sequence>/<stage>-<key>/`, one directory an artifact.
+"""The artifact store: `workdir/<dataset>/<sequence>/<stage>-<key>/`, one directory for each artifact.
 
-An artifact is written into a staging directory beside its place, `manifest.json` last, and moved there by
-one `os.rename`: whoever sees a manifest sees a whole artifact, and a process that is killed leaves at most
-a staging directory, which the next run sweeps. Reading checks everything against the manifest.
+An artifact is written into a staging directory beside its place, `manifest.json` last, and then moved to its place by
+one `os.rename`. So a directory with a manifest holds a whole artifact. A killed process leaves at most a staging
+directory, which the next run removes. Reading checks everything against the manifest.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ REPLACED = ".replaced-"
 
 
 class ArtifactError(Exception):
-    """A stored artifact cannot be used. The message is one line: where, what, and what to do."""
+    """A stored artifact cannot be used. The message is one line: the place, the problem, and what to do."""
 
     advice: ClassVar[str]
 
@@ -46,7 +46,7 @@ class ArtifactError(Exception):
 
 
 class CorruptArtifactError(ArtifactError):
-    """It is not what was written."""
+    """An artifact is not what was written."""
 
     advice = (
         "the artifact is not used: remove this folder and give the same command again, "
@@ -55,7 +55,7 @@ class CorruptArtifactError(ArtifactError):
 
 
 class UnreadableArtifactError(ArtifactError):
-    """This process could not read it: for want of memory, threads, open files or permission. It may be sound."""
+    """This process could not read an artifact, which may be intact: it lacks memory, threads, files or permission."""
 
     advice = "the artifact may be sound and stays as it is: see to that, and give the same command again"
 
@@ -64,7 +64,7 @@ GONE = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 
 
 def artifact_error(directory: Path, error: Exception, where: str = "") -> ArtifactError:
-    """What an exception on reading an artifact says: about the artifact, or about this process."""
+    """Convert an exception while reading: the artifact is corrupt, or this process could not read it."""
     said = error.strerror if isinstance(error, OSError) else None
     what = " ".join((said or str(error)).split()) or type(error).__name__
     of_process = isinstance(error, OSError | MemoryError) and not isinstance(error, GONE)
@@ -73,9 +73,9 @@ def artifact_error(directory: Path, error: Exception, where: str = "") -> Artifa
 
 
 def completed_at(directory: Path) -> int | None:
-    """When the artifact was completed, in nanoseconds; None where it is not complete. Costs one stat.
+    """The time at which the artifact was completed, in nanoseconds; None if it is incomplete. Costs one stat.
 
-    Raises UnreadableArtifactError where this process may not look.
+    Raises UnreadableArtifactError if this process lacks permission.
     """
     try:
         return os.stat(directory / MANIFEST).st_mtime_ns
@@ -94,8 +94,8 @@ def publish(
 ) -> None:
     """Write an artifact, with further `files` beside its arrays, and move it to `directory`.
 
-    Where another process has completed it meanwhile, theirs is kept: the same key means the same content.
-    Only an artifact completed at the time `replaces` gives way, and is not touched before that moment.
+    If another process has completed the artifact meanwhile, that one is kept: the same key means the same content.
+    Only an artifact completed at the time `replaces` is replaced, and it stays untouched until the move.
     """
     packed, entries = pack(arrays_of(artifact))
     contents = {f"{ARRAYS}/{name}": content for name, content in packed.items()} | dict(files or {})
@@ -112,14 +112,15 @@ def publish(
         }
         manifest = Manifest.model_validate(content | {"digest": _content_digest(content)})
         (staged / MANIFEST).write_text(json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")
-        _sync(staged / MANIFEST)  # what a power cut tears elsewhere is found on reading
+        _sync(staged / MANIFEST)  # damage of other files by a power cut is found on reading
         _move_into_place(staged, directory, replaces)
 
 
 def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
-    """Read and check an artifact. Raises CorruptArtifactError for anything that is not as it was written.
+    """Read and check an artifact.
 
-    Raises UnreadableArtifactError where this process cannot tell.
+    Raises CorruptArtifactError if it is not what was written, and UnreadableArtifactError if this process cannot
+    check that.
     """
     manifest = read_manifest(directory)
     contents = _checked_contents(directory, manifest)
@@ -133,7 +134,7 @@ def read(directory: Path, schema: type[AnyArtifact]) -> AnyArtifact:
 
 
 def read_files(directory: Path) -> dict[str, bytes]:
-    """What `read_contents` gives, checked, as `read` does."""
+    """Read and check every file of an artifact but the manifest, by its path. Raises as `read` does."""
     return _checked_contents(directory, read_manifest(directory))
 
 
@@ -165,7 +166,7 @@ def read_contents(directory: Path) -> dict[str, bytes]:
 
 
 def _walk(directory: Path) -> Iterator[Path]:
-    """The files below a folder. Unlike `rglob` it raises OSError for a folder that cannot be listed."""
+    """Yield the files below a folder. Unlike `rglob`, raises OSError for a folder that cannot be listed."""
 
     def give_up(error: OSError) -> None:
         raise error
@@ -175,17 +176,17 @@ def _walk(directory: Path) -> Iterator[Path]:
 
 
 def read_entry(directory: Path, entry: ArrayEntry, contents: Mapping[str, bytes]) -> np.ndarray:
-    """One array of an artifact of these contents, checked. Raises ArtifactError."""
+    """Read and check one array from an artifact's contents. Raises ArtifactError."""
     within = f"{ARRAYS}/{entry.name}/"
     files = {name.removeprefix(within): content for name, content in contents.items() if name.startswith(within)}
     try:
         return read_array(files, entry)
-    except Exception as error:  # zarr and its codecs raise whatever a broken file makes them stumble over
+    except Exception as error:  # zarr and its codecs raise anything for a broken file
         raise artifact_error(directory, error, f"{ARRAYS}/{entry.name}") from error
 
 
 def file_problems(contents: Mapping[str, bytes], manifest: Manifest) -> Iterator[str]:
-    """What is wrong with the files of an artifact, one line a file."""
+    """The problems of an artifact's files, one line each."""
     found = {name: sha256(content) for name, content in contents.items()}
     for name in sorted(found.keys() | manifest.files.keys()):
         if name not in found:
@@ -204,9 +205,9 @@ def _checked_contents(directory: Path, manifest: Manifest) -> dict[str, bytes]:
 
 
 def sweep(workdir: Path) -> None:
-    """Remove what killed processes left; put back what one of them had moved aside without replacing it.
+    """Remove the remains of killed processes. Restore an artifact that one had moved aside but not replaced.
 
-    A staging directory is locked by its writer for as long as that lives, so other runs' are left alone.
+    A living writer holds a lock on its staging directory, so those of other runs are left alone.
     """
     remove_abandoned(workdir.glob(f"*/*/{ANY_PARTIAL}"))
     for staged in workdir.glob(f"*/*/{STAGING}*"):
@@ -224,7 +225,7 @@ def sweep(workdir: Path) -> None:
 
 @contextlib.contextmanager
 def _staging(directory: Path) -> Iterator[Path]:
-    """A fresh directory beside `directory`, locked against sweepers, gone at the end."""
+    """A new directory beside `directory`, which is locked against sweepers and removed at the end."""
     directory.parent.mkdir(parents=True, exist_ok=True)
     staged, handle = _locked_directory(directory)
     try:
@@ -242,7 +243,7 @@ def _locked_directory(directory: Path) -> tuple[Path, int]:
             handle = os.open(staged, os.O_RDONLY)
         except FileNotFoundError:
             continue  # a sweeper was faster
-        with contextlib.suppress(OSError):  # a file system without locks: there nobody sweeps either
+        with contextlib.suppress(OSError):  # on a file system without locks nobody sweeps either
             fcntl.flock(handle, fcntl.LOCK_EX)
         if staged.exists():
             return staged, handle

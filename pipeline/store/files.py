@@ -1,4 +1,4 @@
-"""Files that other programs may read, or write, at any moment. No symbolic link is followed where one is written."""
+"""Files that other programs may read or write at any moment. Writing follows no symbolic links."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from typing import IO
 
 from schemas.errors import InputError
 
-PARTIAL = ".reart-partial"  # no file of the user's is called so
+PARTIAL = ".reart-partial"  # no file of the user has this ending
 ANY_PARTIAL = f".*{PARTIAL}"
-MOST_BYTES = 256 * 2**20  # of a description, settings, targets or an evaluation; none comes near
+MOST_BYTES = 256 * 2**20  # far more than any description, settings, targets or evaluation
 _FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
 
 
 def read_whole(path: Path) -> bytes:
-    """The content of a file that people write. Raises OSError, also for one too large or that may never end."""
+    """Read a file that people write. Raises OSError, also for one that is too large or may never end."""
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode):
         raise OSError(errno.EINVAL, "it is no regular file", str(path))
@@ -32,10 +32,10 @@ def read_whole(path: Path) -> bytes:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write beside `path`, then rename: a reader sees the old content or the new, never half of it.
+    """Write beside `path`, then rename. A reader sees either the old content or the new.
 
-    Any number of writers may write the same path; the last one's content stays. What killed writers left is removed.
-    Raises OSError, and then leaves nothing behind.
+    Several writers may write the same path; the content of the last one stays. The remains of killed writers are
+    removed. Raises OSError, and then leaves nothing behind.
     """
     remove_abandoned(path.parent.glob(ANY_PARTIAL))
     with naming_file(path), _partial(path.parent) as (partial, file):
@@ -52,7 +52,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def open_fresh(path: Path) -> IO[str]:
-    """A new text file in the place of what is there, which its other users keep. Raises OSError."""
+    """Open a new text file in place of an existing one, which stays open for its other users. Raises OSError."""
     while True:
         path.unlink(missing_ok=True)
         with contextlib.suppress(FileExistsError):  # another one was faster
@@ -60,7 +60,7 @@ def open_fresh(path: Path) -> IO[str]:
 
 
 def check_own_folder(folder: Path) -> None:
-    """Raises InputError where a folder of our own is somewhere else, or a file."""
+    """Raise InputError if one of our own folders is a link or a file."""
     advice = "remove it, or name another folder"
     if folder.is_symlink():
         raise InputError(f"{folder}: found a symbolic link, expected a folder; {advice}")
@@ -69,7 +69,7 @@ def check_own_folder(folder: Path) -> None:
 
 
 def remove_abandoned(partials: Iterable[Path]) -> None:
-    """Remove what killed writers left. A living one holds a lock."""
+    """Remove the remains of killed writers. A living writer holds a lock on its file."""
     for partial in partials:
         with (
             contextlib.suppress(OSError),
@@ -81,7 +81,7 @@ def remove_abandoned(partials: Iterable[Path]) -> None:
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Let no other process that asks for it in the same way do its work in a folder meanwhile. Raises OSError."""
+    """Hold a lock on a folder, so that other processes that take it wait. Raises OSError."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         _lock(handle)
@@ -92,7 +92,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def naming_file(path: Path) -> Iterator[None]:
-    """Put the file's name into an OSError that lacks it, as one of writing does."""
+    """Add the file's name to an OSError that lacks it, as those of writing do."""
     try:
         yield
     except OSError as error:
@@ -103,13 +103,13 @@ def naming_file(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _partial(folder: Path) -> Iterator[tuple[Path, IO[bytes]]]:
-    """A new file in a folder, locked against sweepers. It is gone at the end, unless it was renamed."""
+    """A new file in a folder, which is locked against sweepers. It is removed at the end unless it was renamed."""
     while True:
         partial = folder / f".{uuid.uuid4().hex[:12]}{PARTIAL}"
         with open(os.open(partial, _FRESH, 0o666), "wb") as file:
             try:
                 _lock(file.fileno())
-                if partial.exists():  # no sweeper was faster
+                if partial.exists():  # no sweeper has removed it
                     yield partial, file
                     return
             finally:
@@ -121,4 +121,4 @@ def _lock(handle: int) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX)
     except OSError as error:
         if error.errno not in (errno.ENOTSUP, errno.ENOSYS, errno.ENOLCK, errno.EINVAL):
-            raise  # else a file system without locks: there nobody sweeps either
+            raise  # else on a file system without locks, where nobody sweeps either

@@ -1,4 +1,4 @@
-"""Content keys: the same key means the same input, the same settings and the same code."""
+"""Content keys. The same key means the same input, settings and code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ KEY_DIGITS = 16
 
 
 def canonical_json(value: Any) -> str:
-    """JSON with one spelling for one value: keys sorted, no spaces, ASCII."""
+    """Serialise to JSON with one form for each value: sorted keys, no spaces, ASCII."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"))
 
 
@@ -24,10 +24,10 @@ def artifact_key(
     upstream: Mapping[str, str],
     seed: int,
 ) -> str:
-    """The key of what a stage writes, from everything that its output depends on.
+    """The key of a stage's artifact, from everything that the artifact depends on.
 
-    `config` is the stage's own slice of the configuration and `upstream` the keys of what it reads, so
-    that a changed setting gives new keys to its own stage and to all that follow, and to no other.
+    `config` is the stage's own section of the configuration, and `upstream` the keys of the artifacts that it reads. So
+    a changed setting gives new keys to its own stage and to all later ones, and to no others.
     """
     identity = [stage, version, config, parameters, upstream, seed]
     return hashlib.sha256(canonical_json(identity).encode()).hexdigest()[:KEY_DIGITS]

@@ -1,1 +1,1 @@
-"""Training of the flow network: the folder that it leaves and goes on from, and the process that makes its batches."""
+"""Training of the flow network: its folder, from which it can resume, and the process that makes its batches."""

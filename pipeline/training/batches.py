@@ -1,7 +1,7 @@
-"""The batches of a training, made by a process of its own while the network learns.
+"""Training batches, which a separate process makes while the network learns.
 
-They come through a pipe: a queue between processes that do not fork needs named semaphores, which are left behind where
-all processes are killed at once.
+They come through a pipe. A queue between processes that do not fork would need named semaphores, which remain if all
+processes are killed at once.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from stages.flow.training.source import PairSource
 
 
 class MakerDied(Exception):
-    """The process that makes pairs ended before its work was done; the message says how."""
+    """The process that makes pairs ended too early. The message says how."""
 
 
 def batches(source: PairSource, config: TrainFlowConfig, first: int) -> Iterator[Batch]:
-    """The batches from step `first` on, each in time for the one before to be learned from.
+    """Yield the batches from step `first` on. Each is made while the network learns from the one before.
 
-    Raises InputError as the source does, and MakerDied where the other process is killed or fails.
+    Raises InputError as the source does, and MakerDied if the other process is killed or fails.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -49,18 +49,18 @@ def batches(source: PairSource, config: TrainFlowConfig, first: int) -> Iterator
 
 
 def _make(source: PairSource, steps: range, size: int, sender: Connection) -> None:
-    """Send the pairs of each step, or the message of what cannot be used."""
+    """Send the pairs of each step, or the message of an InputError."""
     die_with_forking_parent()
     import torch
 
-    torch.set_num_threads(1)  # the other processor is learning
+    torch.set_num_threads(1)  # leave the other processor to the learning
     try:
         for step in steps:
             sender.send([source[index] for index in range(step * size, (step + 1) * size)])
     except InputError as error:
         sender.send(str(error))
     except (BrokenPipeError, KeyboardInterrupt):
-        pass  # nobody listens any more
+        pass  # the reader is gone
     except Exception:
         traceback.print_exc()
         raise SystemExit(1) from None

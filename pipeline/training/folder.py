@@ -1,5 +1,5 @@
-"""A training's folder: checkpoint.safetensors, from which the same command goes on, log.jsonl (schemas.training),
-curve.png, and at the end weights.safetensors. What a step does is in stages.flow.training.
+"""The folder of a training. It holds checkpoint.safetensors, log.jsonl (schemas.training), curve.png and, at the end,
+weights.safetensors. The same command resumes from the checkpoint. Training steps are in stages.flow.training.
 """
 
 from __future__ import annotations
@@ -37,12 +37,13 @@ LINES: TypeAdapter[Line] = TypeAdapter(Line)
 def train(
     config: TrainFlowConfig, folder: Path, assets: Path | None, report: Callable[[Line], Any] = lambda line: None
 ) -> Path:
-    """Train, or go on training, in `folder`; the path of the weights. `report` is called with each line of the log.
+    """Start or resume training in `folder`, and return the path of the weights. `report` gets each line of the log.
 
-    The same configuration and robots give the same batches; sums of floating-point numbers may differ from one machine
-    to another. Raises InputError for robots that it cannot train or measure on, for a folder with a checkpoint that is
-    damaged or of another configuration, and for a rate at which the network gets lost; MakerDied where the process that
-    makes pairs does.
+    The same configuration and robots give the same batches, but floating-point sums may differ between machines.
+
+    Raises InputError for robots that it cannot train or measure on, for a checkpoint that is damaged or of another
+    configuration, and for a learning rate at which training diverges. Raises MakerDied if the process that makes pairs
+    ends too early.
     """
     check_robots(config)
     learner, log = resume(config, folder)
@@ -63,9 +64,9 @@ def train(
 
 
 def resume(config: TrainFlowConfig, folder: Path) -> tuple[Learner, list[Line]]:
-    """Where a folder's checkpoint left off, and the log up to there.
+    """Restore the learner from a folder's checkpoint, or start a new one, and read the log up to that step.
 
-    Raises InputError for a checkpoint of another configuration, and for one that is damaged.
+    Raises InputError for a checkpoint that is damaged or of another configuration.
     """
     learner, path = Learner.start(config), folder / CHECKPOINT
     if not os.path.lexists(path):
@@ -85,7 +86,7 @@ def resume(config: TrainFlowConfig, folder: Path) -> tuple[Learner, list[Line]]:
 
 
 def save(learner: Learner, log: Sequence[Line], folder: Path) -> None:
-    """Write checkpoint, log and curve. The log is written first: lines beyond a checkpoint are dropped."""
+    """Write log, checkpoint and curve. The log comes first, since resuming drops its lines beyond the checkpoint."""
     write_atomically(folder / LOG, "".join(f"{line.model_dump_json()}\n" for line in log).encode())
     notes = {"format": CHECKPOINT_FORMAT, "step": str(learner.step), "config": learner.config.model_dump_json()}
     write_atomically(folder / CHECKPOINT, safetensors_bytes(learner.state(), notes))
@@ -95,7 +96,7 @@ def save(learner: Learner, log: Sequence[Line], folder: Path) -> None:
 
 
 def _read_log(path: Path) -> Iterator[Line]:
-    """The lines of an earlier log that can be read: no training is lost for its log."""
+    """The readable lines of an earlier log. A damaged log does not stop training."""
     lines = path.read_bytes().splitlines() if path.is_file() else []
     for number, line in enumerate(lines, start=1):
         try:
@@ -106,7 +107,7 @@ def _read_log(path: Path) -> Iterator[Line]:
 
 @contextmanager
 def _advising(path: Path) -> Iterator[None]:
-    """Add to what is wrong with a checkpoint what to do about it."""
+    """Add advice to errors about a checkpoint."""
     try:
         yield
     except InputError as error:

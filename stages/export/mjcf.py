@@ -18,7 +18,7 @@ KINDS = {"revolute": "hinge", "prismatic": "slide", "spherical": "ball"}
 def mjcf_files(robot: Robot) -> dict[str, bytes]:
     """robot.xml and the meshes that it names, by relative path.
 
-    Links that touch do not collide; a moving base has a free joint. Key frame `frame_t` is the fitted frame t.
+    Links that touch do not collide. A moving base has a free joint. Key frame `frame_t` is the fitted frame t.
     """
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -40,7 +40,7 @@ def mjcf_files(robot: Robot) -> dict[str, bytes]:
 
 
 def _add_body(above: ET.Element, robot: Robot, index: int, parent: int | None, order: list[RobotJoint]) -> None:
-    """A link, and all that hangs on it; `order` gets the joints in the order of MuJoCo's qpos."""
+    """Add a link and its descendants. Append their joints to `order`, in the order of MuJoCo's qpos."""
     link = robot.links[index]
     origin = np.subtract(link.origin, np.zeros(3) if parent is None else robot.links[parent].origin)
     body = ET.SubElement(above, "body", name=link.name, pos=numbers(origin))
@@ -70,13 +70,13 @@ def _add_joint(body: ET.Element, joint: RobotJoint) -> None:
         "actuatorfrcrange": numbers([-joint.effort, joint.effort]),
         "damping": numbers([joint.damping]),
     }
-    if joint.type == "spherical" and joint.upper >= np.pi:  # a ball turns by half a turn at most
+    if joint.type == "spherical" and joint.upper >= np.pi:  # no rotation exceeds half a turn, so there is no limit
         del limits["range"]
     ET.SubElement(body, "joint", {"name": joint.name, "type": KINDS[joint.type], **shape, **limits})
 
 
 def _positions(robot: Robot, order: list[RobotJoint], t: int) -> list[float]:
-    """MuJoCo's qpos of a fitted frame: the base's place and quaternion (w first), where it moves, and the states."""
+    """MuJoCo's qpos of a fitted frame: position and quaternion (w first) of a moving base, then the joints."""
     states = [value for joint in order for value in _position(joint, t)]
     if not robot.free_base:
         return states

@@ -13,18 +13,18 @@ from stages.export.markup import document, mesh_files, numbers
 from stages.kernels.labelling.colours import distinct_colours
 
 FILE = "robot.urdf"
-BARE = 1e-3  # share of a link's mass and inertia that a link between two of its joints has
-LIMIT_MARGIN, LEAST_RANGE = 0.1, 0.01  # of the hinges of a ball, beyond their range; radians
+BARE = 1e-3  # mass and inertia of a link between two joints of a child, as a share of the child's
+LIMIT_MARGIN, LEAST_RANGE = 0.1, 0.01  # of a ball's hinges: margin as a share of the range, and range in radians
 
 
 def urdf_files(robot: Robot) -> dict[str, bytes]:
-    """robot.urdf and the meshes that it names, by relative path. A moving base has a plain root, as URDF's way is.
+    """robot.urdf and the meshes that it names, by relative path. As usual in URDF, a moving base has no joint.
 
-    The root's frame is the canonical frame: where its origin is beside the object, that is told of its shapes.
+    The root's frame is the canonical frame. If the root's origin is moved to the object, its shapes have an offset.
     """
     root = ET.Element("robot", name=robot.name)
-    # read by MuJoCo, which otherwise looks for meshes beside the file, drops the visible ones, and pushes links apart
-    # whose convex meshes overlap: URDF cannot exclude such pairs, as the MJCF does
+    # Options for MuJoCo. By default it looks for meshes beside the file and drops the visible ones. Contacts are off,
+    # since URDF cannot exclude the pairs of links whose convex meshes overlap, as the MJCF does.
     extension = ET.SubElement(root, "mujoco")
     ET.SubElement(extension, "compiler", meshdir="meshes", strippath="true", discardvisual="false")
     ET.SubElement(ET.SubElement(extension, "option"), "flag", contact="disable")
@@ -56,7 +56,7 @@ def _add_link(root: ET.Element, robot: Robot, index: int, link: RobotLink) -> No
 
 
 def _add_joints(root: ET.Element, robot: Robot, child: int) -> None:
-    """The joints that move a link, each on that before it, with links that weigh next to nothing between them."""
+    """Add the joints that move a link as a chain, with links of nearly no mass between them."""
     joints = [hinge for joint in robot.joints if joint.child == child for hinge in hinges(joint)]
     link = robot.links[child]
     parent, offset = (
@@ -79,7 +79,7 @@ def _add_joints(root: ET.Element, robot: Robot, child: int) -> None:
 
 
 def _add_bare_link(root: ET.Element, name: str, child: RobotLink) -> None:
-    """A link without a shape. Simulators refuse moving links without mass, so it has a little of its child's."""
+    """Add a link without a shape. Simulators refuse moving links without mass, so it has a little of its child's."""
     inertial = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")
     ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=numbers([BARE * child.mass]))
@@ -88,10 +88,10 @@ def _add_bare_link(root: ET.Element, name: str, child: RobotLink) -> None:
 
 
 def hinges(joint: RobotJoint) -> list[RobotJoint]:
-    """What a URDF has for a joint: itself, or for a ball three hinges, named `..._1` to `..._3`.
+    """The joints that represent a joint in a URDF: itself, or for a ball three hinges, named `..._1` to `..._3`.
 
-    The first turns about the direction that the fitted states turn about most, the second, whose quarter turns would
-    make the other two one, about that which they turn about least.
+    The first axis is the direction of the largest fitted rotations, the second that of the smallest. A quarter turn of
+    the second hinge would align the other two (gimbal lock).
     """
     if joint.type != "spherical":
         return [joint]
@@ -119,5 +119,5 @@ def hinges(joint: RobotJoint) -> list[RobotJoint]:
 
 
 def _frame_origin(robot: Robot, index: int) -> Float64[np.ndarray, "3"]:
-    """Where a link's frame stands in the canonical frame. No joint places the root's."""
+    """The origin of a link's frame in the canonical frame. The root's frame is the canonical frame."""
     return np.zeros(3) if index == robot.root else np.array(robot.links[index].origin)

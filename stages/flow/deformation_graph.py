@@ -1,8 +1,8 @@
 """Non-rigid alignment of one cloud to another by a graph of rigid nodes (embedded deformation).
 
-Nodes are spread over the source surface; each carries a rigid transform and moves the points near it,
-near being measured along the surface. Gauss-Newton minimises robust point-to-plane distances in both
-directions plus a stiffness that asks neighbouring nodes to agree on each other's position.
+Nodes are spread over the source surface. Each has a rigid transform and moves the points near it, by distance along
+the surface. Gauss-Newton minimises robust point-to-plane distances in both directions plus a stiffness term, by which
+neighbouring nodes agree on each other's position.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from stages.kernels.points.sampling import farthest_points
 
 SURFACE_NEIGHBOURS = 8
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
-EDGE_REACH = 3.0  # gaps between neighbouring nodes much wider than this, in spacings, are taken for joints
-SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of a Gauss-Newton step's conjugate gradients
+EDGE_REACH = 3.0  # robust reach of the stiffness, in spacing units: neighbours that differ by more may be at a joint
+SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of the conjugate gradients in a Gauss-Newton step
 
 
 @dataclass(frozen=True)
 class DeformationGraph:
-    """Nodes on a source cloud and which of them move which point.
+    """Nodes on a source cloud, and the nodes that move each point.
 
-    `anchors` (points, k) are node indices, `weights` (points, k) add up to one; `edges` (edges, 2) link
+    `anchors` (points, k) are node indices, and the rows of `weights` (points, k) add up to one. `edges` (edges, 2) link
     nodes that move a common point, in both directions.
     """
 
@@ -57,7 +57,7 @@ def build_graph(points: Float64[np.ndarray, "points 3"], nodes: int, neighbours_
 def _surface_distances(
     points: Float64[np.ndarray, "points 3"], centres: Int64[np.ndarray, "nodes"]
 ) -> Float64[np.ndarray, "points nodes"]:
-    """Distances along the surface; across gaps in the surface, straight distances with a penalty."""
+    """Distances along the surface. Across gaps they are straight distances with a penalty."""
     lengths, indices = neighbours(points, SURFACE_NEIGHBOURS)
     rows = np.repeat(np.arange(len(points)), indices.shape[1])
     surface = csr_array((lengths.ravel() + 1e-12, (rows, indices.ravel())), shape=(len(points), len(points)))
@@ -69,7 +69,7 @@ def _surface_distances(
 def deform(
     graph: DeformationGraph, Ts_target_node: Float64[np.ndarray, "nodes 4 4"], points: Float64[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points 3"]:
-    """The source points moved by their nodes."""
+    """Move the source points by their nodes."""
     return np.einsum("nk,nki->ni", graph.weights, _moved_by_anchors(graph, Ts_target_node, points))
 
 
@@ -83,8 +83,8 @@ def _moved_by_anchors(
 class Alignment:
     """Gauss-Newton alignment of a source cloud's deformation graph to a target cloud.
 
-    Lengths inside are in units of `spacing`, the clouds' spacing, so that stiffness and robustness mean the
-    same at any sampling density.
+    Internal lengths are in units of `spacing`, the clouds' spacing, so that stiffness and robustness do not depend on
+    the sampling density.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Alignment:
     def step(
         self, Ts: Float64[np.ndarray, "nodes 4 4"], stiffness: float, reach: float
     ) -> Float64[np.ndarray, "nodes 4 4"]:
-        """One Gauss-Newton step; matches much farther apart than `reach` (in spacings) hardly count."""
+        """Take one Gauss-Newton step. Matches much farther apart than `reach` (in spacing units) hardly count."""
         graph, nodes = self.graph, len(self.graph.p_nodes)
         centres = move_points(Ts, graph.p_nodes)
         moved = _moved_by_anchors(graph, Ts, self.source)
@@ -139,7 +139,7 @@ class Alignment:
         blocks = self._point_sums @ pair_blocks(jacobian, np.matmul(information, jacobian))
         gradient = _sum_twists(graph.anchors, np.matmul(pull[:, None], jacobian), nodes)
 
-        # stiffness: a node's idea of where its neighbour's centre is, against the neighbour's own
+        # stiffness: a node's transform of its neighbour's centre, minus the neighbour's own
         k, neighbour = graph.edges.T
         predicted = move_points(Ts[k], graph.p_nodes[neighbour])
         gap = (predicted - centres[neighbour]) / self.spacing
@@ -161,7 +161,7 @@ class Alignment:
 
 
 class BlockPattern:
-    """Which 6 x 6 blocks of a graph's Hessian are filled: the diagonal ones and one for each edge, row by row."""
+    """The filled 6 x 6 blocks of a graph's Hessian: the diagonal ones and one for each edge, row by row."""
 
     def __init__(self, edges: Int64[np.ndarray, "edges 2"], nodes: int) -> None:
         self.nodes = nodes

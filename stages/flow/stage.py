@@ -1,7 +1,7 @@
-"""The flow stage: correspondences between consecutive frames and the motion that they imply (A.1).
+"""The flow stage: correspondences between consecutive frames and the flow that they imply (A.1).
 
-An estimator is a function `(frames, config, rng, progress) -> list[PairFlow]`; `frames` are T arrays
-(points, 3) in the normalised frame, and the answer holds one `PairFlow` for each consecutive pair.
+An estimator is a function `(frames, config, rng, progress) -> list[PairFlow]`. `frames` are T arrays (points, 3) in
+the normalised frame. The result has one `PairFlow` for each consecutive pair.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def estimate_none(
     rng: np.random.Generator,
     progress: Progress,
 ) -> list[PairFlow]:
-    """No flow at all, to see what it brings: no matches in any pair."""
+    """Return no matches for any pair, to measure the effect of flow."""
     nothing = np.zeros(0, dtype=np.int64)
     return [PairFlow(nothing, nothing, np.zeros((0, 3)), np.zeros(0)) for _ in frames[1:]]
 
@@ -48,10 +48,10 @@ ESTIMATORS: dict[str, Estimator] = {
 def compute_flow(
     sequence: PointSequence, config: FlowConfig, rng: np.random.Generator, progress: Progress = silent
 ) -> Flow:
-    """Flow of every consecutive frame pair, by the estimator that the configuration names.
+    """Estimate the flow of every consecutive pair of frames by the configured estimator.
 
-    Raises InputError for an unknown estimator, ValueError where a user's own returns something else than one PairFlow
-    for each pair, or indices outside a frame.
+    Raises InputError for an unknown estimator, and ValueError if a user's own one does not return one PairFlow for each
+    pair, or returns indices outside a frame.
     """
     frames = sequence.frames()
     pairs = resolve("flow.estimator", config.estimator, ESTIMATORS)(frames, config, rng, progress)
@@ -68,7 +68,7 @@ def compute_flow(
 
 
 def _problems(pairs: Any, point_counts: Sequence[int]) -> Iterator[str]:
-    """What is wrong with an estimator's answer for frames of so many points."""
+    """Yield the problems of an estimator's result for frames with the given numbers of points."""
     if not isinstance(pairs, Sequence) or len(pairs) != len(point_counts) - 1:
         found = f"{len(pairs)} pairs" if isinstance(pairs, Sequence) else f"a {type(pairs).__name__}"
         yield (

@@ -1,3 +1,3 @@
-"""Report: one self-contained page of a fitted model, to look at, move and judge."""
+"""Report: one self-contained page of a fitted model."""
 
 VERSION = 2  # raise it when the same input gives other results: what was made before is made anew

@@ -1,4 +1,4 @@
-"""Report: one self-contained page of a fitted model, to look at, move and judge."""
+"""Report: one self-contained page of a fitted model, with a view in which its joints move."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ MODES = {"points": "Points", "meshes": "Meshes", "true": "True parts"}
 
 
 def compute_report(result: Result, sequence: PointSequence) -> Report:
-    """What the model leaves of the sequence that it was fitted to."""
+    """Measure the model's residuals on the sequence that it was fitted to."""
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     return Report(residuals=part_residuals(result, frames), sampling=sampling_floor(result))
 
@@ -50,7 +50,7 @@ def compute_report(result: Result, sequence: PointSequence) -> Report:
 def report_files(
     name: str, result: Result, ingested: IngestedSequence, report: Report, robot: Robot | None, metrics: Metrics | None
 ) -> dict[str, bytes]:
-    """report.html, and as report.png the picture of `stages.report.figure`."""
+    """The bytes of report.html, and of report.png, the picture of `stages.report.figure`."""
     sequence = ingested.sequence
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     labels_true = ingested.true_labels(result.model.canonical_frame)
@@ -68,10 +68,10 @@ def report_page(
     metrics: Metrics | None = None,
     labels_true: Int64[np.ndarray, "points"] | None = None,
 ) -> str:
-    """The page as HTML. It names no address and runs no script but its own, which its content policy states.
+    """The page as HTML. Its content policy allows no other addresses and no scripts but its own.
 
-    `frames` are in the input's coordinates; `robot` brings the meshes, and `metrics` and `labels_true` (of the
-    canonical points) the comparison with the truth.
+    `frames` are in the input's coordinates. `robot` provides the meshes; `metrics` and `labels_true` (of the canonical
+    points) the comparison with the truth.
     """
     model = result.model
     colours = None
@@ -150,12 +150,12 @@ def _mode(mode: str) -> str:
 
 
 def _json_in_html(value: object) -> str:
-    """JSON that ends no script element: `<` occurs in strings only, where it may be escaped."""
+    """Serialise to JSON that cannot end a script element: `<` occurs only in strings, where it is escaped."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _script(names: Sequence[str]) -> str:
-    """Files of the script as one: what one of them defines, those after it use."""
+    """Join the files of the script. Each may use the definitions of the files before it."""
     return "\n".join(['"use strict";', *(_resource(f"viewer/{name}") for name in names)])
 
 

@@ -41,7 +41,7 @@ HEADLINE = ("ari", "recon_percent", "epe_percent", "tree_edit_distance")
 
 
 def headline(model: ModelFile, metrics: Metrics | None) -> str:
-    """The few figures at the page's top."""
+    """The main figures at the top of the page."""
     if metrics is None or metrics.parts_true is None:
         return ""
     figures = figures_of(metrics, {})
@@ -55,7 +55,7 @@ def headline(model: ModelFile, metrics: Metrics | None) -> str:
 
 
 def sliders(model: ModelFile) -> str:
-    """A row for each joint, with a slider within its limits for each number of its state."""
+    """A row for each joint, with a slider for each number of its state. The joint's limits bound the slider."""
     colours = [hexadecimal(colour) for colour in distinct_colours(len(model.parts))]
     rows = []
     for joint in model.joints:
@@ -72,7 +72,7 @@ def badge(part: int, colour: str) -> str:
 
 
 def parts_table(model: ModelFile) -> str:
-    """Points of each part, and their share."""
+    """The number and share of points of each part."""
     total = sum(part.point_count for part in model.parts) or 1
     rows = []
     for part, colour in zip(model.parts, distinct_colours(len(model.parts)), strict=True):
@@ -104,7 +104,7 @@ def joints_table(model: ModelFile) -> str:
 
 
 def figures_table(metrics: Metrics) -> str:
-    """Every figure of the evaluation, and what it means."""
+    """Every metric of the evaluation, with its meaning."""
     figures = figures_of(metrics, {})
     rows = []
     for name, meaning in MEANINGS.items():
@@ -115,7 +115,7 @@ def figures_table(metrics: Metrics) -> str:
 
 
 def true_joints_table(joints: Iterable[JointMetrics]) -> str:
-    """Each true joint against the one that was found in its place."""
+    """Each true joint and the one that was found in its place."""
     rows = []
     for joint in joints:
         angle = joint.state_error if joint.true_type == "revolute" else None
@@ -138,7 +138,7 @@ def true_joints_table(joints: Iterable[JointMetrics]) -> str:
 def table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int] = (), loose: Sequence[int] = ()
 ) -> str:
-    """A table of cells that are HTML already. `words` are columns of text, `loose` ones may break their lines."""
+    """A table of HTML cells. `words` are columns of text; `loose` ones are such columns whose lines may break."""
 
     def kind(column: int) -> str:
         classes = " ".join(name for name, of in (("word", (*words, *loose)), ("loose", loose)) if column in of)
@@ -155,7 +155,7 @@ def table(
 
 
 def _sliders(joint: ModelJoint, length: str, what: str) -> str:
-    """A slider for each number of a joint's state. Where there are several, each names its direction."""
+    """A slider for each number of a joint's state. If there are several, each has its direction as a label."""
     kind, fields = joint.kind, []
     directions = DIRECTIONS[kind.turns] + DIRECTIONS[kind.slides]
     for (lower, upper), unit, direction in zip(_limits(joint), kind.symbols(length), directions, strict=True):
@@ -176,7 +176,7 @@ def _slider(joint: ModelJoint, lower: float, upper: float, unit: str, direction:
 
 
 def _limits(joint: ModelJoint) -> list[tuple[float, float]]:
-    """The limits of each number of a joint's state. Those of a ball's slides are those of its states."""
+    """The limits of each number of a joint's state. For the slides of a ball they are the range of the states."""
     if not joint.kind.is_ball:
         return list(zip(joint.lowers, joint.uppers, strict=True))
     most = max(joint.uppers[0], *(joint.sizes(state)[0] for state in joint.states))
@@ -185,7 +185,7 @@ def _limits(joint: ModelJoint) -> list[tuple[float, float]]:
 
 
 def _length(model: ModelFile) -> str:
-    """The symbol of the model's unit of length; none where it is unknown."""
+    """The symbol of the model's unit of length; empty if it is unknown."""
     return "" if model.units == "unknown" else LENGTH_SYMBOLS[model.units]
 
 
@@ -195,7 +195,7 @@ def _range(model: ModelFile, joint: ModelJoint) -> str:
 
 
 def _value(value: float, unit: str) -> str:
-    """An angle in degrees, or a length with its unit."""
+    """Format an angle in degrees, or a length with its unit."""
     if unit == "rad":
         return f"{round(np.degrees(value))}°"
     return f"{value + 0.0:.3g} {unit}".strip()

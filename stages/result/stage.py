@@ -1,4 +1,4 @@
-"""The result: what model.json and model.npz say of a fitted model, in the input's units."""
+"""The result: the content of model.json and model.npz, in the input's units."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from stages.kernels.points.precision import float32_holds
 
 
 def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
-    """The model in the canonical frame's input coordinates, as other programs read it.
+    """Convert a model to the result, in the canonical frame and the input's units.
 
-    Raises ValueError for a model with screw joints: those are decided by the final fit.
+    Raises ValueError for a model with screw joints, whose kind only the final fit decides.
     """
     undecided = [joint for joint, kind in enumerate(model.kinds) if kind == SCREW]
     if undecided:
@@ -81,7 +81,7 @@ def _confidence(model: KinematicModel, joint: int) -> JointConfidence | None:
 
 
 def _number_or_tuple(numbers: Float64[np.ndarray, "size"]) -> Numbers:
-    """A joint's state or limit: a number, or several where it has more than one degree of freedom."""
+    """A joint's state or limit: one number, or a tuple for several degrees of freedom."""
     values = numbers.tolist()
     return values[0] if len(values) == 1 else tuple(values)
 
@@ -92,9 +92,9 @@ def _vector(p: Float64[np.ndarray, "3"]) -> Vector:
 
 
 def result_files(result: Result) -> dict[str, bytes]:
-    """The bytes of model.json and model.npz: the same for the same result, at any time.
+    """The bytes of model.json and model.npz. Equal results give equal bytes.
 
-    model.json tells the digest of either, so that damage and a mixture of two models are noticed.
+    model.json holds the digests of both, so that damage and a mixture of two models are detected.
     """
     arrays = _npz_bytes(result.arrays())
     model = result.model.model_copy(update={"json_sha256": BLANK, "npz_sha256": sha256(arrays)})
@@ -103,7 +103,7 @@ def result_files(result: Result) -> dict[str, bytes]:
 
 
 def _npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:
-    """What numpy.savez writes, but for the time of writing, which it puts into the archive."""
+    """Serialise arrays as numpy.savez does, but without the time of writing in the archive."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, array in arrays.items():

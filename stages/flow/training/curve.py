@@ -1,4 +1,4 @@
-"""The training's course as a picture."""
+"""The learning curve of a training, as a picture."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from schemas.training import Measurement, Step
 from stages.support.pictures import Figure, picture_bytes
 
-SMOOTHED = 50  # steps that a point of the loss curve is the mean of, at most
+SMOOTHED = 50  # most steps that are averaged to one point of the loss curve
 
 
 def curve_png(steps: Sequence[Step], measurements: Sequence[Measurement]) -> bytes:
-    """Loss, and the shares of right matches on validation pairs, by step."""
+    """Draw the loss, and the shares of right matches on validation pairs, by step."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     width = max(1, min(SMOOTHED, len(steps) // 20))

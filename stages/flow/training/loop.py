@@ -1,4 +1,4 @@
-"""The training loop (A.1): every batch is one step down the loss, with a measurement every so many steps."""
+"""The training loop (A.1): one gradient step for each batch, with a measurement at regular intervals."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from stages.flow.network.model import FeatureNetwork
 from stages.flow.network.weights import check_state
 from stages.flow.training.learning import Batch, matching_loss, score, turned
 
-WARM_UP = 0.04  # share of the steps in which the rate rises
+WARM_UP = 0.04  # share of the steps in which the learning rate rises
 GREATEST_GRADIENT = 5.0
-TURNS = 2  # stream of random numbers, beside those of stages.flow.training.source
+TURNS = 2  # stream of random numbers, besides those of stages.flow.training.source
 
 
 @dataclass
 class Learner:
-    """A network in training, with the optimizer's momenta and the number of steps taken."""
+    """A network in training, with the optimiser's state and the number of steps taken."""
 
     config: TrainFlowConfig
     network: FeatureNetwork
@@ -34,7 +34,7 @@ class Learner:
 
     @classmethod
     def start(cls, config: TrainFlowConfig) -> Self:
-        """A network with the random weights that the configuration's seed gives."""
+        """Start with random weights, from the configuration's seed."""
         torch.manual_seed(config.seed)
         network = FeatureNetwork()
         optimizer = torch.optim.AdamW(network.parameters(), config.learning_rate, weight_decay=config.weight_decay)
@@ -48,9 +48,9 @@ class Learner:
         return tensors
 
     def restore(self, tensors: dict[str, Tensor], step: str, origin: str) -> None:
-        """Go on from a `state` after the given step.
+        """Resume from a `state` after the given step.
 
-        Raises InputError, with `origin` as the name of what is wrong, where the state does not fit the network.
+        Raises InputError, which starts with `origin`, if the state does not fit the network.
         """
         weights = _under("network", tensors)
         check_state(origin, weights, self.network.state_dict())
@@ -62,7 +62,7 @@ class Learner:
         self.step = int(step)
 
     def _momenta(self, tensors: dict[str, Tensor], origin: str) -> dict[int, dict[str, Tensor]]:
-        """The optimizer's entries by parameter. Raises InputError where some are missing, unknown or not finite."""
+        """The optimiser's entries by parameter. Raises InputError if some are missing, unknown or not finite."""
         entries: dict[int, dict[str, Tensor]] = {}
         parameters = list(self.network.parameters())
         for name, value in tensors.items():
@@ -81,9 +81,9 @@ class Learner:
 def learn(
     learner: Learner, batches: Iterable[Batch], validation: Sequence[Batch], clock: Callable[[], float]
 ) -> Iterator[Step | Measurement]:
-    """Take one step for each batch, and yield it; yield a measurement every `validate_every` steps and after the last.
+    """Take one step for each batch and yield it. Also yield a measurement every `validate_every` steps and at the end.
 
-    `clock` gives the seconds since training began. Raises InputError for a rate at which the network gets lost.
+    `clock` returns the seconds since training began. Raises InputError for a learning rate at which training diverges.
     """
     config = learner.config
     for batch in batches:
@@ -101,7 +101,7 @@ def learn(
 
 
 def descend(learner: Learner, batch: Batch) -> float:
-    """Take one step down the loss, in half precision where the processor has it. Returns the loss before it."""
+    """Take one gradient step, in half precision if the processor supports it. Return the loss before it."""
     config = learner.config
     batch = turned(batch, config.turn_degrees, np.random.default_rng((config.seed, TURNS, learner.step)))
     for group in learner.optimizer.param_groups:
@@ -120,7 +120,7 @@ def _finite(network: FeatureNetwork) -> bool:
 
 
 def _share_of_rate(step: int, steps: int) -> float:
-    """Rises in a line, then falls as a cosine."""
+    """The factor of the learning rate. It rises linearly, then falls as a cosine."""
     warm = max(1.0, WARM_UP * steps)
     if step < warm:
         return (step + 1) / (warm + 1)
@@ -128,5 +128,5 @@ def _share_of_rate(step: int, steps: int) -> float:
 
 
 def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors whose names begin with the prefix and a dot, without it."""
+    """The tensors below a prefix, by their names without `prefix.`."""
     return {name.removeprefix(f"{prefix}."): value for name, value in tensors.items() if name.startswith(f"{prefix}.")}

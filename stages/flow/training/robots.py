@@ -1,4 +1,4 @@
-"""Robots of the data set as shapes to train on."""
+"""Robots of the data set as training shapes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from stages.ingest.roboart.descriptions import robot_description
 
 
 def robot_shape(name: str, assets: Path | None = None) -> PosableShape:
-    """A robot, in parts as in the data set, whose joints move within their limits, a quarter turn from rest at most.
+    """A robot with the parts of the data set. Its joints keep their limits and turn at most a quarter turn from rest.
 
-    Raises InputError as `robot_description`, or for a description that cannot be used.
+    Raises InputError as `robot_description` does, or for a description that cannot be used.
     """
     found = robot_description(name, assets)
     articulated = ArticulatedRobot.read(found.urdf_path, found.mesh_dirs, RoboartConfig())

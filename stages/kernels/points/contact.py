@@ -7,10 +7,9 @@ from jaxtyping import Float64
 
 from stages.kernels.points.nearest import KDTree, nearest
 
-FARTHER = (
-    1.5  # points of a part that are farther from its parent than the nearest one by this factor are not next to it
-)
-WIDTH = 0.02  # or by more than this share of the part's longest side
+# a contact place: the points of a part whose distance from its parent is at most that of the nearest one, times
+# FARTHER, plus WIDTH of the part's longest side
+FARTHER, WIDTH = 1.5, 0.02
 
 
 def next_to_contact(
