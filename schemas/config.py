@@ -12,7 +12,7 @@ from typing import Annotated, Literal, Protocol, Self, TypeVar
 from pydantic import Field, model_validator
 
 from schemas.joints import JointKind, JointType, joint_kind
-from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart
+from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart, common
 
 JOINT_SAMPLES = 60  # points of a part at which joints are judged
 CONTACT = 2.0  # point spacings within which sampled surfaces touch
@@ -39,7 +39,7 @@ class RoboartConfig(Settings):
     sequences_per_robot: int = Field(
         default=1, ge=1, le=1000, description="sequences of each robot, which move differently"
     )
-    frames: int = Field(default=10, ge=2, le=10_000)
+    frames: int = Field(default=10, ge=2, le=10_000, description="frames of a sequence")
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
     novel_states: int = Field(default=3, ge=0, le=10_000, description="unseen states for the reanimation metric")
     sweep_degrees: DegreeRange = Field(
@@ -73,8 +73,8 @@ class RoboartConfig(Settings):
 class HumansConfig(Settings):
     """How sequences of moving people are sampled."""
 
-    frames: int = Field(default=14, ge=2, le=1000)
-    frames_per_second: float = Field(default=10.0, gt=0, le=1000)
+    frames: int = Field(default=14, ge=2, le=1000, description="frames of a sequence")
+    frames_per_second: float = Field(default=10.0, gt=0, le=1000, description="frames a second")
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
     noise_percent: float = Field(
         default=0.0,
@@ -105,14 +105,16 @@ class RegistrationConfig(Settings):
 class IngestConfig(Settings):
     """The source of the frames and how they are read."""
 
-    source: Literal["files", "roboart", "urdf", "humans", "dfaust"] = "files"
-    units: NamedUnit = Field(default="unknown", description="the unit of the input's coordinates")
-    every: int = Field(default=1, ge=1, description="only every so many-th frame is used, from the first on")
+    source: Literal["files", "roboart", "urdf", "humans", "dfaust"] = Field(
+        default="files", description="where sequences come from; set by the data set"
+    )
+    units: NamedUnit = common(default="unknown", description="the unit of the input's coordinates")
+    every: int = common(default=1, ge=1, description="only every so many-th frame is used, from the first on")
     min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")
     max_points: int = Field(
         default=50_000_000, ge=64, le=10**12, description="a sequence with more points in all is refused"
     )
-    correspond: bool = Field(
+    correspond: bool = common(
         default=False,
         description="point i of a file's frames is the same surface point in all: sample each anew, and measure by it",
     )
@@ -152,7 +154,7 @@ class NetworkFlowConfig(Settings):
 class TrainFlowConfig(Settings):
     """Training data and schedule of the feature network, for `reart train-flow` (A.1)."""
 
-    seed: Seed = 0
+    seed: Seed = Field(default=0, description="the same seed trains the same weights")
     robots: tuple[str, ...] = Field(
         default=("atlas", "baxter", "laikago", "iiwa"), description="the training split; those that are to be had"
     )
@@ -164,21 +166,24 @@ class TrainFlowConfig(Settings):
     turn_degrees: float = Field(
         default=25.0, ge=0, le=360, description="most that one cloud of a pair is turned by itself"
     )
-    steps: int = Field(default=5000, ge=1)
+    steps: int = Field(default=5000, ge=1, description="training steps")
     batch: int = Field(default=4, ge=1, le=1000, description="pairs in one step; each is drawn anew and seen once")
     learning_rate: float = Field(default=2e-3, gt=0, description="the highest; it rises at first and falls to zero")
-    weight_decay: float = Field(default=1e-2, ge=0)
+    weight_decay: float = Field(default=1e-2, ge=0, description="weight decay of AdamW")
     validation_robots: tuple[str, ...] = Field(
         default=("cassie", "nao", "panda", "spot"), description="robots measured on while training, never trained on"
     )
-    validation_pairs: int = Field(default=32, ge=1, le=10_000)
+    validation_pairs: int = Field(default=32, ge=1, le=10_000, description="pairs in one measurement")
     validate_every: int = Field(default=250, ge=1, description="steps between two measurements and checkpoints")
 
 
 class FlowConfig(Settings):
     """The flow stage (A.1)."""
 
-    estimator: SwappablePart = Field(default="hybrid", description="registered name or package.module:function")
+    estimator: SwappablePart = common(
+        default="hybrid",
+        description="what finds the flow: hybrid, geometric, network, fpfh, none, or package.module:function",
+    )
     geometric: GeometricFlowConfig = GeometricFlowConfig()
     network: NetworkFlowConfig = NetworkFlowConfig()
 
@@ -186,9 +191,9 @@ class FlowConfig(Settings):
 class EnergyConfig(Settings):
     """Weights and sampling of E_recons (Eq. 5, A.6)."""
 
-    lambda_cd: float = Field(default=1.0, ge=0)
-    lambda_emd: float = Field(default=0.3, ge=0)
-    lambda_flow: float = Field(default=1.0, ge=0)
+    lambda_cd: float = Field(default=1.0, ge=0, description="weight of E_CD")
+    lambda_emd: float = Field(default=0.3, ge=0, description="weight of E_EMD")
+    lambda_flow: float = Field(default=1.0, ge=0, description="weight of E_flow")
     flow_neighbours: int = Field(default=3, ge=1, le=1000, description="neighbours of the flow's interpolation")
     emd_downsampling: int = Field(default=4, ge=1, description="E_EMD uses every so many points, farthest first")
     emd_every: int = Field(default=5, ge=1, description="iterations between two assignments of E_EMD")
@@ -198,20 +203,26 @@ class EnergyConfig(Settings):
     )
 
 
+class ReportedEnergyConfig(EnergyConfig):
+    """E_recons where it is reported, not minimised: all of its terms from the start."""
+
+    emd_start: float = Field(default=0.0, ge=0, le=1, description="share of the run after which E_EMD joins in")
+
+
 class GumbelConfig(Settings):
     """Solver `gumbel`: gradient descent on a segmentation field and free motions, as published (A.6)."""
 
-    max_parts: int = Field(default=20, ge=1, le=1000)
-    iterations: int = Field(default=600, ge=1)
+    max_parts: int = Field(default=20, ge=1, le=1000, description="most parts that the field can distinguish")
+    iterations: int = Field(default=600, ge=1, description="steps of gradient descent")
     points: int = Field(default=2048, ge=16, description="points per frame in one iteration")
     hidden: int = Field(default=128, ge=1, le=10_000, description="width of the segmentation field")
-    learning_rate_labels: float = Field(default=1e-3, gt=0)
-    learning_rate_motion: float = Field(default=1e-3, gt=0)
+    learning_rate_labels: float = Field(default=1e-3, gt=0, description="learning rate of the segmentation field")
+    learning_rate_motion: float = Field(default=1e-3, gt=0, description="learning rate of the motions")
     learning_rate_end: float = Field(
         default=0.05, gt=0, le=1, description="share of the rates left at the end (cosine)"
     )
-    temperature_start: float = Field(default=5.0, gt=0)
-    temperature_end: float = Field(default=1.0, gt=0)
+    temperature_start: float = Field(default=5.0, gt=0, description="temperature of the Gumbel softmax at the start")
+    temperature_end: float = Field(default=1.0, gt=0, description="temperature of the Gumbel softmax at the end")
     start: Literal["flow", "identity"] = Field(
         default="flow", description="start from clustered flow trajectories, or from still parts as published"
     )
@@ -232,8 +243,10 @@ class AlternatingConfig(Settings):
     reach_first: float = Field(
         default=5.0, gt=0, description="robust reach of matches in the first round, in point spacings"
     )
-    reach: float = Field(default=3.0, gt=0, description="the same in other rounds, and for merges and patches")
-    reach_last: float = Field(default=2.0, gt=0, description="the same at the end")
+    reach: float = Field(
+        default=3.0, gt=0, description="robust reach in other rounds, and for merges and patches, in point spacings"
+    )
+    reach_last: float = Field(default=2.0, gt=0, description="robust reach at the end, in point spacings")
     attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
     contact: int = Field(default=4, ge=1, description="surface edges that two parts must share to be merged")
     merge_iterations: int = Field(default=4, ge=1, description="registration steps before a merge is judged")
@@ -248,7 +261,9 @@ class AlternatingConfig(Settings):
 class RelaxedFitConfig(Settings):
     """The relaxed fit of one candidate canonical frame."""
 
-    solver: SwappablePart = Field(default="alternating", description="registered name or package.module:function")
+    solver: SwappablePart = common(
+        default="alternating", description="what finds the parts: alternating, gumbel, or package.module:function"
+    )
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
     alternating: AlternatingConfig = AlternatingConfig()
@@ -257,22 +272,22 @@ class RelaxedFitConfig(Settings):
 class ProjectionConfig(Settings):
     """Projection to a kinematic tree (Eq. 11, A.2)."""
 
-    joints: tuple[JointType, ...] = Field(
+    joints: tuple[JointType, ...] = common(
         default=("revolute", "prismatic"),
         min_length=1,
         max_length=100,
         description="kinds of joints that a model may have; with spherical ones links are judged by E_3DOF",
     )
 
-    lambda_spatial: float = Field(default=100.0, ge=0)
-    lambda_1dof: float = Field(default=1.0, ge=0)
+    lambda_spatial: float = Field(default=100.0, ge=0, description="weight of E_spatial")
+    lambda_1dof: float = Field(default=1.0, ge=0, description="weight of E_1DOF")
     samples_per_part: int = Field(
         default=JOINT_SAMPLES, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
     )
     contact: float = Field(
         default=CONTACT, ge=0, description="parts as near as so many point spacings touch: no E_spatial"
     )
-    root: Literal["still", "middle"] = Field(
+    root: Literal["still", "middle"] = common(
         default="still",
         description="the part that stands still, or the one in the middle of the body, as suits people and animals",
     )
@@ -297,8 +312,12 @@ class MergingConfig(Settings):
 class CanonicalFrameConfig(Settings):
     """Which frames are tried as the canonical one, and how one is chosen (A.5)."""
 
-    candidates: int = Field(default=2, ge=1, le=100, description="how many: the middle frame and its neighbours")
-    frames: DifferentFrames = Field(default=(), max_length=100, description="these frames instead, where given")
+    candidates: int = common(
+        default=2, ge=1, le=100, description="canonical frames that are tried: the middle frame and its neighbours"
+    )
+    frames: DifferentFrames = common(
+        default=(), max_length=100, description="these frames are tried instead, where given"
+    )
     by: Literal["fit", "project"] = Field(
         default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
     )
@@ -313,7 +332,7 @@ class CanonicalFrameConfig(Settings):
 class FinalFitConfig(Settings):
     """The final fit (A.4): joints by Levenberg-Marquardt, then labels, links and parts given the joints."""
 
-    points: int = Field(default=4096, ge=16, description="points per frame that the fit works on")
+    points: int = common(default=4096, ge=16, description="points per frame that the fit works on")
     reach: float = Field(default=2.0, gt=0, description="robust reach of matches, in point spacings")
     iterations: int = Field(default=8, ge=0, description="Levenberg-Marquardt trials after each change")
     last_iterations: int = Field(default=15, ge=0, description="Levenberg-Marquardt trials at the end")
@@ -324,13 +343,15 @@ class FinalFitConfig(Settings):
         default=True, description="insert links that the motion needs though no point tells them apart"
     )
     link_tolerance: float = Field(
-        default=0.25, ge=0, description="what a joint may leave (RMS, in point spacings) before such a link is tried"
+        default=0.25,
+        ge=0,
+        description="what a joint may leave (RMS, in point spacings) before a link is inserted on trial",
     )
     link_explains: float = Field(
-        default=0.6, ge=0, le=1, description="with such a link at most this share of that may be left"
+        default=0.6, ge=0, le=1, description="share of that which a joint and an inserted link may leave at most"
     )
     pair_directions: int = Field(
-        default=6, ge=1, le=1000, description="directions of axes that the two joints of such a link are started with"
+        default=6, ge=1, le=1000, description="directions of axes that the joints of an inserted link are started with"
     )
     joint_samples: int = Field(
         default=JOINT_SAMPLES, ge=1, le=100_000, description="farthest points of a part at which joints are judged"
@@ -339,8 +360,8 @@ class FinalFitConfig(Settings):
     settled: float = Field(
         default=0.003, ge=0, le=1, description="labels have settled where a smaller share of them changes in a round"
     )
-    link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
-    freedom_price: float = Field(
+    link_price: float = common(default=60.0, ge=0, description="an inserted link must lower the points' costs by more")
+    freedom_price: float = common(
         default=30.0,
         ge=0,
         description="a joint of a kind with more degrees of freedom must lower the points' costs by more for each",
@@ -352,18 +373,20 @@ class FinalFitConfig(Settings):
     min_part_share: float = Field(
         default=0.008, ge=0, lt=1, description="a part holds at least this share of the points"
     )
-    part_price: float = Field(
+    part_price: float = common(
         default=30.0, ge=0, description="a part that lowers the points' costs by less is joined to a neighbour; 0: none"
     )
     prune_iterations: int = Field(default=5, ge=0, description="Levenberg-Marquardt trials before that is judged")
     energy_points: int = Field(default=2048, ge=16, description="points per frame at which E_recons is reported")
-    energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_start=0.0)
+    energy: ReportedEnergyConfig = ReportedEnergyConfig()
 
 
 class EvaluationConfig(Settings):
     """Evaluation (A.9)."""
 
-    reanimation_iterations: int = Field(default=200, ge=1)
+    reanimation_iterations: int = Field(
+        default=200, ge=1, description="Levenberg-Marquardt steps of the reanimation metric"
+    )
     told_points: int = Field(
         default=4096, ge=16, description="points per frame of which is asked whether they are observable"
     )
@@ -372,11 +395,11 @@ class EvaluationConfig(Settings):
 class ExportConfig(Settings):
     """The robot description: meshes, masses and limits, which a simulator needs beyond the fit."""
 
-    metres_per_unit: float | None = Field(
+    metres_per_unit: float | None = common(
         default=None,
         ge=1e-9,
         le=1e9,
-        description="of the input's coordinates; None: by its unit, where unknown one metre",
+        description="metres in a unit of the input's coordinates; none: by the input's unit, where unknown one metre",
     )
     surface: Literal["closed", "hull"] = Field(
         default="closed", description="a part's visible mesh: what its points enclose, or their convex hull"
@@ -384,14 +407,14 @@ class ExportConfig(Settings):
     collision: Literal["hull", "coacd"] = Field(
         default="hull", description="a part's convex collision mesh, or several by the optional package coacd"
     )
-    triangles: int = Field(default=3000, ge=20, description="of a part's visible mesh, about")
+    triangles: int = common(default=3000, ge=20, description="triangles of a part's visible mesh, about")
     reach: float = Field(
         default=4.0, gt=0, le=1e3, description="radius in point spacings of the ball rolled over a part"
     )
     farthest: float = Field(
         default=3.0, gt=0, le=1e3, description="points farther from the posed model, in point spacings, are left out"
     )
-    density: float = Field(default=1000.0, gt=0, le=1e9, description="kg / m^3")
+    density: float = common(default=1000.0, gt=0, le=1e9, description="density of all parts, in kg / m^3")
     limit_margin: float = Field(
         default=0.1, ge=0, description="limits lie beyond the observed range by this share of it, at each end"
     )
@@ -405,7 +428,7 @@ class ExportConfig(Settings):
 class PipelineConfig(Settings):
     """Everything that a run depends on, except its input files."""
 
-    seed: Seed = 0
+    seed: Seed = common(default=0, description="the same seed and input give the same model")
     ingest: IngestConfig = IngestConfig()
     flow: FlowConfig = FlowConfig()
     relaxed_fit: RelaxedFitConfig = RelaxedFitConfig()

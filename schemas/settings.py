@@ -18,6 +18,14 @@ GREATEST_NUMBER = 1e12
 LEAST_NUMBER = 1e-12
 
 
+COMMON = "common"
+
+
+def common(default: Any, description: str, **constraints: Any) -> Any:
+    """Make a pydantic field for one of the few settings that many users change. All others are advanced."""
+    return Field(default, description=description, json_schema_extra={"tier": COMMON}, **constraints)
+
+
 class Settings(Schema):
     """The base of every configuration. It refuses NaN, infinity and absurdly large numbers."""
 

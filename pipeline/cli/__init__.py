@@ -21,6 +21,7 @@ from pipeline.cli.pose import pose
 from pipeline.cli.process import Ended, answering_signals, check_surroundings, close_output, open_standard_streams
 from pipeline.cli.rerun import rerun
 from pipeline.cli.run import run
+from pipeline.cli.settings import settings
 from pipeline.cli.status import status
 from pipeline.cli.train_flow import train_flow
 from pipeline.run.failures import one_line
@@ -102,5 +103,5 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose, train_flow):
+for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose, settings, train_flow):
     app.command()(command)

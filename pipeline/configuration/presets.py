@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from pipeline.configuration.listing import all_settings
 from pipeline.store.files import read_whole
 from schemas.artifact import Schema
 from schemas.config import PipelineConfig
@@ -147,20 +148,10 @@ def _first_path(value: Any) -> list[str]:
 
 
 def _nearest(name: str, schema: type[Schema]) -> str:
-    known = [setting for setting, _ in _settings(schema())]
+    known = [setting.name for setting in all_settings(schema())]
     same_field = [setting for setting in known if setting.split(".")[-1] == name.split(".")[-1]]
     close = difflib.get_close_matches(name, known, n=3) or same_field[:3]
     return f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(schema.model_fields)}"
-
-
-def _settings(config: Schema, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, value) of every setting."""
-    for name in type(config).model_fields:
-        value = getattr(config, name)
-        if isinstance(value, Schema):
-            yield from _settings(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value
 
 
 def _lower(message: str) -> str:

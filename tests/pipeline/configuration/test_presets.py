@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from pipeline.configuration.presets import DATASETS, FOLDER, _settings, load_config, load_settings, preset_names
+from pipeline.configuration.listing import all_settings
+from pipeline.configuration.presets import DATASETS, FOLDER, load_config, load_settings, preset_names
 from schemas.config import PipelineConfig, TrainFlowConfig
 from schemas.errors import InputError
 
@@ -129,7 +130,8 @@ def test_a_bad_value_is_refused_and_its_setting_named(override):
 
 def test_every_number_of_every_setting_has_bounds():
     for schema in (PipelineConfig, TrainFlowConfig):
-        for name, value in _settings(schema()):
+        for setting in all_settings(schema()):
+            name, value = setting.name, setting.default
             for number in value if isinstance(value, tuple) else (value,):
                 if isinstance(number, int | float) and not isinstance(number, bool):
                     bad = (10**19,) if isinstance(number, int) else (1e300, math.nan, math.inf, -math.inf)
