@@ -340,7 +340,7 @@ class EvaluationConfig(Settings):
 
     reanimation_iterations: int = Field(default=200, ge=1)
     told_points: int = Field(
-        default=4096, ge=16, description="points per frame at which is asked whether the motion tells their part"
+        default=4096, ge=16, description="points per frame of which is asked whether they are observable"
     )
 
 

@@ -46,10 +46,11 @@ class Metrics(Artifact):
     ari: float | None = None
     ri: float | None = None
     told_share: float | None = Field(
-        default=None, description="share of the points that no part but their own can move as the frames show them"
+        default=None,
+        description="share of observable points: only their own part can move them as the frames show",
     )
-    ari_told: float | None = Field(default=None, description="ARI over those points alone; None where there are none")
-    untold_parts: tuple[str, ...] = Field(default=(), description="true parts of which hardly a point is told")
+    ari_told: float | None = Field(default=None, description="ARI over observable points; None where there are none")
+    untold_parts: tuple[str, ...] = Field(default=(), description="true parts of which hardly a point is observable")
     tree_edit_distance: int | None = None
     recon: float | None = None
     recon_percent: float | None = None

@@ -1,4 +1,4 @@
-"""What of a sequence's truth its clouds can tell: points whose part no other part's motion could stand for.
+"""The observable points of a sequence: those whose part no other part's motion could stand for.
 
 A round part that turns about its own axis looks alike however it turns, a plate that slides in its own plane too,
 and parts that move alike are one to every observer. Which part such points belong to is a guess, however good the fit.
@@ -21,7 +21,7 @@ ON_SURFACE = 1.6
 FAR = 10.0  # spacings; farther is no worse
 
 
-def tellable_points(
+def observable_points(
     frames: Sequence[Float64[np.ndarray, "points 3"]],
     labels: Sequence[Int64[np.ndarray, "points"]],
     Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"],

@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int64
 from schemas.joints import REVOLUTE
 from stages.final_fit.motion_model import MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_place
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
@@ -147,14 +147,14 @@ class _Trials:
     def _pair(self, T_frame_parent: Float64[np.ndarray, "frames 4 4"], seen: int, child: int) -> ScrewPair | None:
         frames = self.frames
         p_child = frames.p[self.labels == child]
-        contact = contact_of(frames.p[self.labels == seen], p_child)
+        p_contact = contact_place(frames.p[self.labels == seen], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
         left = float(fit_joint(frames.plain_kinds, motion, p_child).rms)
         if left <= TOLERATED * frames.spacing:
             return None
-        pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.spacing, PAIR_STEPS)
-        return pair if pair.residual < EXPLAINED * left else None
+        pair = fit_screw_pair(motion, p_child, p_contact, frames.canonical_frame, frames.spacing, PAIR_STEPS)
+        return pair if pair.rms < EXPLAINED * left else None
 
 
 def _links(chain: Chain) -> dict[Link, int]:

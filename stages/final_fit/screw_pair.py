@@ -23,7 +23,7 @@ class ScrewPair:
     axis: Float64[np.ndarray, "2 3"]
     point: Float64[np.ndarray, "2 3"]
     states: Float64[np.ndarray, "frames 2"]
-    residual: float
+    rms: float
 
 
 def fit_screw_pair(
@@ -65,9 +65,9 @@ def fit_screw_pair(
         joints = [Joint(REVOLUTE, k, k + 1, axis[k], p_contact, states[:, [k]]) for k in (0, 1)]
         chain = Chain.of(joints, 0, Ts_parent_child, free_root=False)
         chain = fit_chain(chain, linearise, canonical_frame, spacing, iterations)
-        residual = spacing * np.sqrt(linearise(chain.Ts).cost / (frames * len(p_child)))
-        fits.append(ScrewPair(chain.tree.axis, chain.tree.point, chain.states, float(residual)))
-    best = min(fit.residual for fit in fits)
+        rms = spacing * np.sqrt(linearise(chain.Ts).cost / (frames * len(p_child)))
+        fits.append(ScrewPair(chain.tree.axis, chain.tree.point, chain.states, float(rms)))
+    best = min(fit.rms for fit in fits)
     factor, slack = AS_GOOD
-    good = [fit for fit in fits if fit.residual <= max(factor * best, best + slack * spacing)]
+    good = [fit for fit in fits if fit.rms <= max(factor * best, best + slack * spacing)]
     return min(good, key=lambda fit: float(np.ptp(fit.states, axis=0).sum()))

@@ -128,7 +128,7 @@ def relative_motions(
     return inverse(T[parent]) @ T[child]
 
 
-def contact_of(
+def contact_place(
     p_parent: Float64[np.ndarray, "points 3"], p_child: Float64[np.ndarray, "others 3"]
 ) -> Float64[np.ndarray, "3"]:
     """The middle between the two nearest points of two parts."""

@@ -122,9 +122,9 @@ def solve_alternating(
 def refine(parts: Parts, problem: Problem, iterations: int, reach: float) -> Parts:
     """All parts' motions registered anew."""
     edges = problem.graph.edges
-    contacts = edges[parts.labels[edges[:, 0]] != parts.labels[edges[:, 1]]]
+    touching = edges[parts.labels[edges[:, 0]] != parts.labels[edges[:, 1]]]
     attachment = problem.config.attachment
-    Ts = problem.registration.refine_parts(parts.labels, parts.Ts, contacts, iterations, reach, attachment)
+    Ts = problem.registration.refine_parts(parts.labels, parts.Ts, touching, iterations, reach, attachment)
     return replace(parts, Ts=Ts)
 
 

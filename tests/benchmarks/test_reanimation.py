@@ -136,10 +136,10 @@ def test_parts_that_share_few_points_are_not_right(benchmark):
 def test_points_are_told_of_every_part_and_of_the_right_ones_where_there_are_any(benchmark):
     labels_true = np.repeat([0, 1], 10)
     among = np.arange(20) == 3
-    told = list(benchmark.told_points(labels_true, among, 0, 4))
-    assert {points[0] for points in told} == {3}
-    assert len({points[1] for points in told}) > 1
-    assert all(points[1] >= 10 for points in told)
+    given = list(benchmark.target_points(labels_true, among, 0, 4))
+    assert {points[0] for points in given} == {3}
+    assert len({points[1] for points in given}) > 1
+    assert all(points[1] >= 10 for points in given)
 
 
 def test_a_truth_without_joints_is_refused(benchmark, ingested):

@@ -120,20 +120,20 @@ class Registration:
         self,
         labels: Int64[np.ndarray, "points"],
         Ts: Float64[np.ndarray, "frames parts 4 4"],
-        contacts: Int64[np.ndarray, "contacts 2"],
+        touching: Int64[np.ndarray, "touching 2"],
         iterations: int,
         reach: float,
         attachment: float,
     ) -> Float64[np.ndarray, "frames parts 4 4"]:
         """All parts registered together, both from model to frame and from frame to model.
 
-        `contacts` are pairs of neighbouring points of different parts; the places between them are asked,
+        `touching` are pairs of neighbouring points of different parts; the places between them are asked,
         with weight `attachment` and robustly, to move alike by both parts' motions. Without it round parts
         would be free to slide and turn on themselves.
         """
         Ts, parts = Ts.copy(), Ts.shape[1]
-        middles = self.p[contacts].mean(axis=1)
-        sides = labels[contacts].T
+        middles = self.p[touching].mean(axis=1)
+        sides = labels[touching].T
         for _ in range(iterations):
             equations = self.linearise(labels, Ts, reach)
             for t in self.others:
@@ -185,14 +185,14 @@ class Registration:
         self,
         hessian: Float64[np.ndarray, "parts parts 6 6"],
         gradient: Float64[np.ndarray, "parts 6"],
-        middles: Float64[np.ndarray, "contacts 3"],
-        sides: Int64[np.ndarray, "2 contacts"],
+        middles: Float64[np.ndarray, "touching 3"],
+        sides: Int64[np.ndarray, "2 touching"],
         Ts: Float64[np.ndarray, "parts 4 4"],
         p_centres: Float64[np.ndarray, "parts 3"],
         reach: float,
         attachment: float,
     ) -> None:
-        """Add the pull of contacts, in place."""
+        """Add the pull of touching points, in place."""
         a, b = sides
         p_a, p_b = move_points(Ts[a], middles), move_points(Ts[b], middles)
         gap = (p_a - p_b) / self.spacing

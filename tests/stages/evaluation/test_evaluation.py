@@ -120,7 +120,7 @@ def with_truth(data: IngestedSequence, **changes: Any) -> IngestedSequence:
     return data.replace(truth=data.truth.replace(**changes))
 
 
-def test_where_nothing_moves_no_part_is_told() -> None:
+def test_where_nothing_moves_no_part_is_observable() -> None:
     data = ingested()
     still = with_truth(data, Ts_frame_first=np.tile(np.eye(4), (FRAMES, 4, 1, 1)))
     metrics = measured(true_model(data), still)

@@ -87,17 +87,17 @@ def test_parts_find_their_way_back_together(registration, hinge):
     assert misplacement(refined, hinge) < 0.35 * misplacement(start, hinge)
 
 
-def test_contacts_hold_parts_together():
+def test_touching_points_hold_parts_together():
     cap = np.random.default_rng(0).normal(size=(300, 3))
     cap /= np.linalg.norm(cap, axis=1, keepdims=True)
     labels = (cap[:, 2] > 0).astype(int)
     a = np.flatnonzero((labels == 0) & (cap[:, 2] > -0.2))
-    contacts = np.stack([a, [np.flatnonzero(labels)[((cap[labels == 1] - cap[i]) ** 2).sum(1).argmin()] for i in a]], 1)
+    touching = np.stack([a, [np.flatnonzero(labels)[((cap[labels == 1] - cap[i]) ** 2).sum(1).argmin()] for i in a]], 1)
     registration = Registration([cap, cap], 0)
     Ts = np.tile(np.eye(4), (2, 2, 1, 1))
     Ts[1, 1] = joint_transforms(np.zeros(3), np.array([0, 0, 0.4, 0, 0, 0]))  # a ball's half turned on itself
-    free = registration.refine_parts(labels, Ts, contacts, 15, 50.0, 0.0)
-    held = registration.refine_parts(labels, Ts, contacts, 15, 50.0, 3.0)
+    free = registration.refine_parts(labels, Ts, touching, 15, 50.0, 0.0)
+    held = registration.refine_parts(labels, Ts, touching, 15, 50.0, 3.0)
 
     def gap(Ts):
         T_relative = np.linalg.inv(Ts[1, 0]) @ Ts[1, 1]
