@@ -206,7 +206,7 @@ def rotated(R: Float64[np.ndarray, "joints 3 3"], vectors: list[tuple[float, flo
 
 def fitted_to_frames(exact: KinematicModel, ingested: IngestedSequence, config: FinalFitConfig) -> KinematicModel:
     """The true model with its axes, states and root motion fitted to the sampled frames from the truth on."""
-    frames = working_frames(ingested.sequence, exact.canonical_frame, config.points, config.reach)
+    frames = working_frames(ingested.sequence, exact.canonical_frame, config)
     chain = chain_of(exact, root_moves(exact.Ts_frame_canonical[:, exact.root]))
     fit = frames.refine(Fit(chain, exact.labels[frames.index]), config.last_iterations)
     return to_model(exact, fit, frames).replace(labels=exact.labels)

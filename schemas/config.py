@@ -14,6 +14,8 @@ from pydantic import Field, model_validator
 from schemas.joints import JointKind, JointType, joint_kind
 from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart
 
+JOINT_SAMPLES = 60  # points of a part at which joints are judged
+CONTACT = 2.0  # point spacings within which sampled surfaces touch
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
 
 
@@ -227,6 +229,11 @@ class AlternatingConfig(Settings):
     part_price: float = Field(default=4.0, ge=0, description="a part must lower the points' costs by more")
     boundary_price: float = Field(default=1.0, ge=0, description="price of a surface edge between two parts")
     truncation: float = Field(default=9.0, gt=0, description="most that one point can cost in one frame")
+    reach_first: float = Field(
+        default=5.0, gt=0, description="robust reach of matches in the first round, in point spacings"
+    )
+    reach: float = Field(default=3.0, gt=0, description="the same in other rounds, and for merges and patches")
+    reach_last: float = Field(default=2.0, gt=0, description="the same at the end")
     attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
     contact: int = Field(default=4, ge=1, description="surface edges that two parts must share to be merged")
     merge_iterations: int = Field(default=4, ge=1, description="registration steps before a merge is judged")
@@ -260,9 +267,11 @@ class ProjectionConfig(Settings):
     lambda_spatial: float = Field(default=100.0, ge=0)
     lambda_1dof: float = Field(default=1.0, ge=0)
     samples_per_part: int = Field(
-        default=60, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
+        default=JOINT_SAMPLES, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
     )
-    contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
+    contact: float = Field(
+        default=CONTACT, ge=0, description="parts as near as so many point spacings touch: no E_spatial"
+    )
     root: Literal["still", "middle"] = Field(
         default="still",
         description="the part that stands still, or the one in the middle of the body, as suits people and animals",
@@ -314,6 +323,22 @@ class FinalFitConfig(Settings):
     hidden_links: bool = Field(
         default=True, description="insert links that the motion needs though no point tells them apart"
     )
+    link_tolerance: float = Field(
+        default=0.25, ge=0, description="what a joint may leave (RMS, in point spacings) before such a link is tried"
+    )
+    link_explains: float = Field(
+        default=0.6, ge=0, le=1, description="with such a link at most this share of that may be left"
+    )
+    pair_directions: int = Field(
+        default=6, ge=1, le=1000, description="directions of axes that the two joints of such a link are started with"
+    )
+    joint_samples: int = Field(
+        default=JOINT_SAMPLES, ge=1, le=100_000, description="farthest points of a part at which joints are judged"
+    )
+    contact: float = Field(default=CONTACT, ge=0, description="parts as near as so many point spacings touch")
+    settled: float = Field(
+        default=0.003, ge=0, le=1, description="labels have settled where a smaller share of them changes in a round"
+    )
     link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
     freedom_price: float = Field(
         default=30.0,
@@ -362,6 +387,9 @@ class ExportConfig(Settings):
     triangles: int = Field(default=3000, ge=20, description="of a part's visible mesh, about")
     reach: float = Field(
         default=4.0, gt=0, le=1e3, description="radius in point spacings of the ball rolled over a part"
+    )
+    farthest: float = Field(
+        default=3.0, gt=0, le=1e3, description="points farther from the posed model, in point spacings, are left out"
     )
     density: float = Field(default=1000.0, gt=0, le=1e9, description="kg / m^3")
     limit_margin: float = Field(

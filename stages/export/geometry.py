@@ -11,21 +11,19 @@ from schemas.config import ExportConfig
 from schemas.errors import InputError
 from schemas.model_file import Result
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, KDTree, nearest
 from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
 from stages.kernels.surfaces.surface_graph import surface_graph
 from stages.support.open3d_use import needing_open3d
 
-FARTHEST = 3.0  # a frame's point farther than this from the posed model, in spacings, belongs to no part
 LEAST_SPECK = 0.02  # a separate piece with a smaller share of a part's points is dropped
-NEIGHBOURS = 8
 COACD_TRIANGLES = 600
 MOST_POINTS = 150_000  # in a whole description; more points are thinned evenly
 
 
 def fuse(
-    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None
+    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, farthest: float
 ) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:
     """Fuse the points of all frames in the canonical frame's coordinates, and label them.
 
@@ -33,7 +31,7 @@ def fuse(
     """
     p = result.canonical_points.astype(np.float64)
     clouds, labels = [p], [result.labels]
-    reach = FARTHEST * point_spacing(p)
+    reach = farthest * point_spacing(p)
     for t, frame in enumerate(frames or ()):
         if t == result.model.canonical_frame:
             continue
@@ -50,10 +48,10 @@ def fuse(
 def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kept 3"]:
     """Clean a part's points: remove duplicates, outliers and specks, and smooth the noise."""
     points = np.unique(points, axis=0)
-    if len(points) <= NEIGHBOURS:
+    if len(points) <= SURFACE_NEIGHBOURS:
         return points
     points = points[without_outliers(points)]
-    graph = surface_graph(points, NEIGHBOURS)
+    graph = surface_graph(points, SURFACE_NEIGHBOURS)
     piece = graph.components(np.zeros(len(points), dtype=np.int64))
     sizes = np.bincount(piece)
     return smoothed(points[sizes[piece] >= min(LEAST_SPECK * len(points), sizes.max())])

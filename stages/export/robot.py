@@ -66,7 +66,7 @@ def compute_export(
     model = result.model
     check_exportable(result)
     scale = config.metres_per_unit or METRES.get(model.units, 1.0)
-    fused, labels = fuse(result, frames)
+    fused, labels = fuse(result, frames, config.farthest)
     space = Normalisation.of(result.canonical_points)
     middle, diagonal = result.canonical_points.astype(np.float64).mean(axis=0), space.scale
     fused = (fused - middle) / diagonal  # the same meshes in any unit

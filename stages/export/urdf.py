@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from schemas.config import ExportConfig
 from schemas.robot import Robot, RobotJoint, RobotLink
 from stages.export.markup import document, mesh_files, numbers
+from stages.export.robot import LEAST_RANGE
 from stages.kernels.labelling.colours import distinct_colours
 
 FILE = "robot.urdf"
 BARE = 1e-3  # mass and inertia of a link between two joints of a child, as a share of the child's
-LIMIT_MARGIN, LEAST_RANGE = 0.1, 0.01  # of a ball's hinges: margin as a share of the range, and range in radians
+LIMIT_MARGIN = ExportConfig().limit_margin  # of the hinges of a ball joint, beyond their range
 
 
 def urdf_files(robot: Robot) -> dict[str, bytes]:

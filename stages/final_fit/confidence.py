@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from stages.final_fit.working import CONTACT, JOINT_SAMPLES, Fit, Frames, relative_motions
-from stages.kernels.alignment.evidence import PLANE_NOISE, motion_cost
+from schemas.config import FinalFitConfig
+from stages.final_fit.working import Fit, Frames, relative_motions
+from stages.kernels.alignment.evidence import FUSED_PLANE_SPREAD, motion_cost
 from stages.kernels.kinematics.closed_form import JointFit, fit_joints
 from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import inverse
@@ -17,7 +18,7 @@ from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points
 
 FREE_STEPS = 3  # registration steps of parts without their joints
-USUAL_PRICE = 30.0  # where parts have no price
+USUAL_PRICE = FinalFitConfig().part_price  # where parts have no price
 REFITTED = 0.1  # share of the rise by best joints that is left when all is refitted, on robots, about
 SURE = 5.0  # prices from which on a rise is not looked into further
 CLEARLY_WORSE = 1.0  # spacings by which another parent is worse where a link is 1 - 1/e sure
@@ -48,7 +49,7 @@ def joint_confidence(
 
 def _blur(coarseness: float) -> float:
     """By how much steps of so many spacings raise the squared spread of plane distances; 1 where there are none."""
-    return 1.0 + (coarseness / np.sqrt(12) / PLANE_NOISE) ** 2
+    return 1.0 + (coarseness / np.sqrt(12) / FUSED_PLANE_SPREAD) ** 2
 
 
 def _certainty(rise: Float64[np.ndarray, "joints"], price: float) -> Float64[np.ndarray, "joints"]:
@@ -82,11 +83,11 @@ class Rivals:
     @cached_property
     def samples(self) -> Float64[np.ndarray, "parts count 3"]:
         """Well spread points of each part, at which its motion is judged; any points for a part that has none."""
-        samples = []
+        samples, count = [], self.frames.config.joint_samples
         for part in range(self.tree.parts):
             members = self.frames.p[self.fit.labels == part]
             members = members if len(members) else self.frames.p
-            samples.append(members[np.resize(farthest_points(members, JOINT_SAMPLES), JOINT_SAMPLES)])
+            samples.append(members[np.resize(farthest_points(members, count), count)])
         return np.stack(samples)
 
     @cached_property
@@ -201,7 +202,7 @@ class Rivals:
             for b in range(a):
                 if tree is not None and len(members[b]):
                     least = nearest(tree, members[b])[0].min() / frames.spacing
-                    gaps[a, b] = gaps[b, a] = max(least - CONTACT, 0.0)
+                    gaps[a, b] = gaps[b, a] = max(least - frames.config.contact, 0.0)
         return gaps
 
     def _part_sums(self, costs: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "parts"]:

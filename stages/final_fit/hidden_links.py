@@ -14,19 +14,17 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.joints import REVOLUTE
-from stages.final_fit.motion_model import MotionModel
+from stages.final_fit.motion_model import TRIAL_STEPS, MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_place
+from stages.final_fit.working import Fit, Frames, contact_place
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
 
-TOLERATED = 0.25  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
-EXPLAINED = 0.6  # two joints leave at most this share of it
 ROUNDS = 6  # in which links are inserted: a joint of three degrees of freedom needs two
 PAIR_STEPS = 6  # Levenberg-Marquardt steps on each start of such a pair
-TRIAL, SETTLE = 10, 40  # Levenberg-Marquardt steps on the motion model, to judge a chain and to fit it
+SETTLE = 40  # Levenberg-Marquardt steps on the motion model, to fit a chain
 STILL_BASE = 0.3  # RMS, in spacings, that one joint may leave of the root's motion
 Link = tuple[int, int]  # a joint's parent and child
 
@@ -105,7 +103,8 @@ class _Trials:
     def _best(self, chain: Chain, link: Link, offers: Offers, cost: float) -> tuple[Chain, float]:
         """The best of what is offered for one joint, fitted, and by how much more than its price it lowers the cost."""
         joint = _links(chain).get(link)
-        fitted = [] if joint is None else [(self.fit(one.chain, TRIAL), one.price) for one in offers(chain, joint)]
+        offered = [] if joint is None else offers(chain, joint)
+        fitted = [(self.fit(one.chain, TRIAL_STEPS), one.price) for one in offered]
         gains = [(trial, cost - self.cost(trial) - price) for trial, price in fitted]
         return max(gains, key=lambda found: found[1], default=(chain, 0.0))
 
@@ -123,7 +122,7 @@ class _Trials:
         p_child = self.frames.p[self.labels == own.child]
         if len(p_child) == 0 or not (self.labels == own.parent).any():
             return []
-        p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
+        p_child = p_child[farthest_points(p_child, self.frames.config.joint_samples)]
         motion, trials = inverse(self.Ts_free[:, own.parent]) @ self.Ts_free[:, own.child], []
         for kind in self.frames.kinds:
             if own.kind.size < kind.size <= own.kind.size + most:
@@ -148,13 +147,21 @@ class _Trials:
         frames = self.frames
         p_child = frames.p[self.labels == child]
         p_contact = contact_place(frames.p[self.labels == seen], p_child)
-        p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
+        p_child = p_child[farthest_points(p_child, frames.config.joint_samples)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
         left = float(fit_joint(frames.plain_kinds, motion, p_child).rms)
-        if left <= TOLERATED * frames.spacing:
+        if left <= frames.config.link_tolerance * frames.spacing:
             return None
-        pair = fit_screw_pair(motion, p_child, p_contact, frames.canonical_frame, frames.spacing, PAIR_STEPS)
-        return pair if pair.rms < EXPLAINED * left else None
+        pair = fit_screw_pair(
+            motion,
+            p_child,
+            p_contact,
+            frames.canonical_frame,
+            frames.spacing,
+            PAIR_STEPS,
+            frames.config.pair_directions,
+        )
+        return pair if pair.rms < frames.config.link_explains * left else None
 
 
 def _links(chain: Chain) -> dict[Link, int]:
@@ -191,7 +198,7 @@ def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Fr
     p_root = frames.p[labels == root]
     if not chain.tree.free_root or len(p_root) == 0:
         return chain
-    p_root = p_root[farthest_points(p_root, JOINT_SAMPLES)]
+    p_root = p_root[farthest_points(p_root, frames.config.joint_samples)]
     turn = fit_joint([REVOLUTE], chain.T_frame_root, p_root).since(frames.canonical_frame)
     if turn.rms > STILL_BASE * frames.spacing:
         return chain

@@ -12,14 +12,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.joints import PRISMATIC, REVOLUTE
-from stages.final_fit.motion_model import MotionModel
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_place
+from stages.final_fit.motion_model import TRIAL_STEPS, MotionModel
+from stages.final_fit.working import Fit, Frames, contact_place
 from stages.kernels.kinematics.chain import Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
-
-TRIAL = 10  # Levenberg-Marquardt steps on the quadratic model, to judge a joint
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
@@ -55,10 +53,10 @@ def simplify_joints(fit: Fit, frames: Frames, freedom_price: float) -> Fit:
         if len(p_child) == 0:
             continue
         motion = inverse(chain.Ts[:, joint.parent]) @ chain.Ts[:, joint.child]
-        plain = fit_joint(frames.plain_kinds, motion, p_child[farthest_points(p_child, JOINT_SAMPLES)])
+        plain = fit_joint(frames.plain_kinds, motion, p_child[farthest_points(p_child, frames.config.joint_samples)])
         joints = chain.joints()
         joints[index] = Joint.of(plain.since(frames.canonical_frame), joint.parent, joint.child)
-        trial = fit_chain(chain.with_joints(joints), model, frames.canonical_frame, spacing, TRIAL)
+        trial = fit_chain(chain.with_joints(joints), model, frames.canonical_frame, spacing, TRIAL_STEPS)
         given_up = freedom_price * (joint.kind.size - joints[index].kind.size)
         if model(trial.Ts).cost < model(chain.Ts).cost + given_up:
             chain = trial

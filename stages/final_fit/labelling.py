@@ -15,10 +15,9 @@ from stages.final_fit.working import Fit, Frames
 from stages.kernels.alignment.evidence import gross_cost, motion_cost
 from stages.kernels.labelling.graph_cut import expansion_move
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, KDTree, nearest
 from stages.kernels.surfaces.surface_graph import smoothness_weights, surface_graph
 
-NEIGHBOURS = 8
 FIRST_LOOK = 3  # frames in which a part is seen to be out of the question
 RULED_OUT = 4.0  # a part whose motion suits a point so much worse than the best one's is not asked
 BONUSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 4.0)
@@ -87,7 +86,7 @@ def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, 
     """
     Ts = fit.chain.Ts
     p, labels = fuse(fit, frames, fused_frames)
-    graph = surface_graph(p, NEIGHBOURS)
+    graph = surface_graph(p, SURFACE_NEIGHBOURS)
     may = _candidates(fit, labels, graph.crossings(labels)[0])[labels]
     looked_at = list(_spread(frames, FIRST_LOOK))
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from stages.kernels.alignment.registration import PLANE_NOISE, NormalEquations
+from stages.kernels.alignment.registration import FRAME_PLANE_SPREAD, NormalEquations
 from stages.kernels.motion.rigid_motion import inverse, left_jacobians, move_points, rotation_vectors
+
+TRIAL_STEPS = 10  # Levenberg-Marquardt steps on the model, to judge a chain
 
 
 class MotionModel:
@@ -23,7 +25,7 @@ class MotionModel:
 
     def __init__(self, equations: NormalEquations, Ts: Float64[np.ndarray, "frames parts 4 4"], spacing: float) -> None:
         # matches run both ways; the cost of a point is a mean over frames, of plane distances in units of their spread
-        scale = 1.0 / (2 * PLANE_NOISE**2 * (len(Ts) - 1))
+        scale = 1.0 / (2 * FRAME_PLANE_SPREAD**2 * (len(Ts) - 1))
         self.hessian, self.gradient = scale * equations.hessian, scale * equations.gradient
         self.centres, self.Ts, self.spacing = equations.centres, Ts, spacing
         self.parts = Ts.shape[1]

@@ -12,7 +12,7 @@ from jaxtyping import Int64
 
 from schemas.joints import PRISMATIC
 from stages.final_fit.pruning import refitted
-from stages.final_fit.working import CONTACT, Fit, Frames
+from stages.final_fit.working import Fit, Frames
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.points.nearest import KDTree, nearest
 
@@ -57,4 +57,4 @@ def _touching_points(labels: Int64[np.ndarray, "points"], frames: Frames, part: 
     p_part, p_other = (frames.p[labels == number] for number in (part, other))
     if len(p_part) == 0 or len(p_other) == 0:
         return 0
-    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.spacing).sum())
+    return int((nearest(KDTree(p_other), p_part)[0] < frames.config.contact * frames.spacing).sum())

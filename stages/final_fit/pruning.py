@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.joints import JointKind
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames
+from stages.final_fit.working import Fit, Frames
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
@@ -81,7 +81,7 @@ def refitted(
 ) -> Joint:
     """The joint, of a kind like the one given, that best explains a part's motion against another one's."""
     p_child = frames.p[labels == child]
-    p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
+    p_child = p_child[farthest_points(p_child, frames.config.joint_samples)]
     motion = inverse(Ts[:, parent]) @ Ts[:, child]
     fit = fit_joint(frames.kinds_like(kind), motion, p_child)
     return Joint.of(fit.since(frames.canonical_frame), parent, child)

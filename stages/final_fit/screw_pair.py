@@ -12,7 +12,6 @@ from stages.kernels.alignment.registration import NormalEquations, twist_jacobia
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.motion.rigid_motion import move_points, rotation_vectors
 
-DIRECTIONS = 6  # first axes that a fit starts from, spread over the plane in which the rotation vectors lie
 AS_GOOD = 1.3, 0.05  # a fit is as good as the best within this factor, or so many spacings
 
 
@@ -32,12 +31,14 @@ def fit_screw_pair(
     p_contact: Float64[np.ndarray, "3"],
     canonical_frame: int,
     spacing: float,
-    iterations: int = 15,
+    iterations: int,
+    directions: int,
 ) -> ScrewPair:
     """The two revolute joints in a row that best take the child's points where the motion takes them.
 
-    Starts with perpendicular axes through `p_contact`, in several directions. Of fits about as good as the best, the
-    one that turns least is taken: axes nearly parallel can explain anything by large angles.
+    Starts with perpendicular axes through `p_contact`, in so many `directions` of the plane in which the rotation
+    vectors lie. Of fits about as good as the best, the one that turns least is taken: axes nearly parallel can explain
+    anything by large angles.
     """
     frames = len(Ts_parent_child)
     target = move_points(Ts_parent_child[:, None], p_child)
@@ -56,7 +57,7 @@ def fit_screw_pair(
         return NormalEquations(float((offset**2).sum()), hessian, gradient, centres)
 
     fits = []
-    for angle in np.arange(DIRECTIONS) * np.pi / DIRECTIONS:
+    for angle in np.arange(directions) * np.pi / directions:
         first = np.cos(angle) * plane[0] + np.sin(angle) * plane[1]
         second = np.cos(angle) * plane[1] - np.sin(angle) * plane[0]
         axis = np.stack([first, second])

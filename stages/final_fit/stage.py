@@ -23,7 +23,6 @@ from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
 from stages.support.progress import Progress, silent
 
 STEPS = 4
-SETTLED = 0.003  # share of labels that change in a round, below which a fit has settled
 
 
 def compute_final_fit(
@@ -41,7 +40,7 @@ def compute_final_fit(
     need joined with their neighbours, and slides on slides hung on what they touch. The answer's motions are exactly
     those of forward kinematics. Joints are of the given kinds. Deterministic; `rng` is not drawn from.
     """
-    frames = working_frames(sequence, model.canonical_frame, config.points, config.reach, kinds)
+    frames = working_frames(sequence, model.canonical_frame, config, kinds)
     part_price, link_price, freedom_price = (
         frames.price(price) for price in (config.part_price, config.link_price, config.freedom_price)
     )
@@ -82,7 +81,7 @@ def _settled(fit: Fit, frames: Frames, config: FinalFitConfig, rounds: int, fuse
         relabelled = relabel(fit, frames, fused_frames, config.boundary_price, config.min_part_share)
         changed = np.mean(relabelled.labels != fit.labels)
         fit = frames.refine(relabelled, config.iterations)
-        if changed < SETTLED:
+        if changed < config.settled:
             break
     return fit
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from schemas.config import FinalFitConfig
 from schemas.joints import PRISMATIC, REVOLUTE, JointKind, parents_first
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
@@ -18,9 +19,6 @@ from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import working_points
 from stages.projection.stage import part_samples
-
-JOINT_SAMPLES = 60  # points of a part at which hypotheses of its joint are judged
-CONTACT = 2.0  # spacings within which sampled surfaces touch
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,13 @@ class Frames:
     p_all: Float64[np.ndarray, "all 3"]
     index: Int64[np.ndarray, "points"]
     canonical_frame: int
-    reach: float
+    config: FinalFitConfig
     kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC)
+
+    @property
+    def reach(self) -> float:
+        """Robust reach of matches, in spacings."""
+        return self.config.reach
 
     @property
     def plain_kinds(self) -> tuple[JointKind, ...]:
@@ -90,15 +93,14 @@ class Frames:
 def working_frames(
     sequence: PointSequence,
     canonical_frame: int,
-    points: int,
-    reach: float,
+    config: FinalFitConfig,
     kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC),
 ) -> Frames:
-    """At most `points` well spread points of each frame."""
+    """At most `config.points` well spread points of each frame."""
     frames = sequence.frames()
-    chosen = [working_points(frame, points) for frame in frames]
+    chosen = [working_points(frame, config.points) for frame in frames]
     registration = Registration([frame[index] for frame, index in zip(frames, chosen, strict=True)], canonical_frame)
-    return Frames(registration, frames[canonical_frame], chosen[canonical_frame], canonical_frame, reach, kinds)
+    return Frames(registration, frames[canonical_frame], chosen[canonical_frame], canonical_frame, config, kinds)
 
 
 def to_chain(model: KinematicModel, frames: Frames, still_root: float) -> Chain:
@@ -109,7 +111,7 @@ def to_chain(model: KinematicModel, frames: Frames, still_root: float) -> Chain:
     """
     order = parents_first(model.joint_parent, model.joint_child)
     parent, child = model.joint_parent[order], model.joint_child[order]
-    samples = part_samples(frames.p_all, model.labels, JOINT_SAMPLES)
+    samples = part_samples(frames.p_all, model.labels, frames.config.joint_samples)
     motions = relative_motions(model.Ts_frame_canonical, parent, child)
     fits = fit_joint(frames.plain_kinds, motions, samples[child]).since(model.canonical_frame)
     joints = [Joint.of(fits, int(parent[j]), int(child[j]), (j,)) for j in range(len(order))]

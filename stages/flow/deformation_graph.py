@@ -14,13 +14,11 @@ from jaxtyping import Float64, Int64
 from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from stages.kernels.alignment.registration import sum_groups, turn_about, twist_jacobian
+from stages.kernels.alignment.registration import POINT_TO_POINT, sum_groups, turn_about, twist_jacobian
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import KDTree, nearest, neighbours
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, KDTree, nearest, neighbours
 from stages.kernels.points.sampling import farthest_points
 
-SURFACE_NEIGHBOURS = 8
-POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
 EDGE_REACH = 3.0  # robust reach of the stiffness, in spacing units: neighbours that differ by more may be at a joint
 SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of the conjugate gradients in a Gauss-Newton step
 

@@ -10,11 +10,10 @@ from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
 from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_square_sum
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import neighbours
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, neighbours
 from stages.kernels.points.sampling import point_spacing
 from stages.projection.stage import link_parts, spatial_energies
 
-SURFACE_NEIGHBOURS = 8
 TOUCHING_PAIRS = 5  # pairs of neighbouring points that two parts share, from which on they touch
 
 

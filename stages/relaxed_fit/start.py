@@ -8,11 +8,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.kernels.motion.rigid_clustering import merge_rigid_clusters, moments, rigid_motion
-from stages.kernels.points.nearest import KDTree, nearest, neighbours
+from stages.kernels.points.nearest import FEW_NEIGHBOURS, KDTree, nearest, neighbours
 from stages.kernels.points.sampling import farthest_points
 
 SEEDS_PER_PART = 12
-SURFACE_NEIGHBOURS = 6
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ def start_from_flow(
     """
     seeds = farthest_points(p_canonical, min(SEEDS_PER_PART * max_parts, max(1, len(p_canonical) // 6)))
     patch = nearest(KDTree(p_canonical[seeds]), p_canonical)[1]
-    near = neighbours(p_canonical, SURFACE_NEIGHBOURS)[1]
+    near = neighbours(p_canonical, FEW_NEIGHBOURS)[1]
     touching = np.stack([patch[np.arange(len(patch)).repeat(near.shape[1])], patch[near.ravel()]], axis=1)
     patches = moments(p_canonical, trajectories, patch, len(seeds))
     merged = merge_rigid_clusters(patches, np.unique(touching, axis=0), max_parts)

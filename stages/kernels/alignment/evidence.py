@@ -13,8 +13,7 @@ from stages.kernels.points.nearest import nearest
 
 NEAREST = 3  # points of a frame that stand for its surface near a moved point
 NEAR = 0.7  # radius, in spacings, within which they count
-PLANE_NOISE = 0.2  # spread of distances from the common plane, in spacings, where the motion is right
-TRUNCATION = 9.0
+FUSED_PLANE_SPREAD = 0.2  # of distances from the plane that all frames share, in spacings, where the motion is right
 USUAL_FRAMES = 9  # besides the canonical one
 CHUNK = 600_000  # places of entries in frames looked at together, for memory's sake
 
@@ -64,7 +63,7 @@ def gross_cost(
     total = np.zeros(len(point))
     for t in frames:
         distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.spacings[t]
-        total += np.minimum(0.5 * distance**2, TRUNCATION)
+        total += np.minimum(0.5 * distance**2, registration.truncation)
     return total / len(frames)
 
 
@@ -81,9 +80,10 @@ def _cost(
     mean = np.einsum("nk,nki->ni", weights, cloud)
     offsets = cloud - mean[:, None]
     normal = np.linalg.eigh(np.matmul((weights[..., None] * offsets).transpose(0, 2, 1), offsets))[1][:, :, 0]
-    plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / PLANE_NOISE
-    own = np.einsum("ni,ni->n", normal, mean) / PLANE_NOISE
-    total = np.minimum(plane**2 + 0.5 * distance**2, TRUNCATION).sum(axis=1) + np.minimum(own**2, TRUNCATION)
+    plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / FUSED_PLANE_SPREAD
+    own = np.einsum("ni,ni->n", normal, mean) / FUSED_PLANE_SPREAD
+    most = registration.truncation
+    total = np.minimum(plane**2 + 0.5 * distance**2, most).sum(axis=1) + np.minimum(own**2, most)
     return total / len(registration.others)
 
 

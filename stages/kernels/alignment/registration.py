@@ -13,7 +13,8 @@ from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import normals, point_spacing
 
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
-PLANE_NOISE = 0.4  # spread of plane distances, in spacings, where a model fits
+FRAME_PLANE_SPREAD = 0.4  # of plane distances to one frame, in spacings, where a model fits
+TRUNCATION = 9.0  # most that a point can cost in one frame: three spreads
 DAMPING = 1e-4
 SPARSER = 1.5  # a frame whose spacing is so many times the canonical one's has a unit of length of its own
 
@@ -41,7 +42,10 @@ class Registration:
     that frame's own spacing (`spacings`), since its points are that far off however well they fit.
     """
 
-    def __init__(self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int) -> None:
+    def __init__(
+        self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int, truncation: float = TRUNCATION
+    ) -> None:
+        self.truncation = truncation
         self.p = frames[canonical_frame]
         self.spacing = point_spacing(self.p)
         spacings = np.array([point_spacing(frame) for frame in frames])
@@ -62,7 +66,6 @@ class Registration:
         index: Int64[np.ndarray, "entries"],
         group: Int64[np.ndarray, "entries"],
         Ts: Float64[np.ndarray, "frames groups 4 4"],
-        truncation: float = 9.0,
     ) -> Float64[np.ndarray, "entries"]:
         """How badly each point's motion is borne out, averaged over frames.
 
@@ -73,19 +76,17 @@ class Registration:
         for t in self.others:
             p, target, distance = self._matches(t, index, group, Ts)
             offset = (p - self.frames[t][target]) / self.spacings[t]
-            total += _match_cost(self._normals[t][target], offset, distance, truncation)
+            total += _match_cost(self._normals[t][target], offset, distance, self.truncation)
         return total / len(self.others)
 
-    def cost_back(
-        self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], truncation: float = 9.0
-    ) -> float:
+    def cost_back(self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"]) -> float:
         """How badly the posed model bears out the frames' points: `cost` the other way round, in sum."""
         total = 0.0
         for t in self.others:
             p = move_points(Ts[t, labels], self.p)
             distance, source = nearest(KDTree(p), self.frames[t])
             offset = (p[source] - self.frames[t]) / self.spacings[t]
-            total += _match_cost(self._normals[t], offset, distance / self.spacings[t], truncation).sum()
+            total += _match_cost(self._normals[t], offset, distance / self.spacings[t], self.truncation).sum()
         return float(total / len(self.others))
 
     def refine_groups(
@@ -267,7 +268,7 @@ def _match_cost(
     distance: Float64[np.ndarray, "entries"],
     truncation: float,
 ) -> Float64[np.ndarray, "entries"]:
-    plane = np.einsum("ni,ni->n", normal, offset) / PLANE_NOISE
+    plane = np.einsum("ni,ni->n", normal, offset) / FRAME_PLANE_SPREAD
     return np.minimum(plane**2 + 0.5 * distance**2, truncation)
 
 

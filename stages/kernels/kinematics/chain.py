@@ -16,7 +16,7 @@ from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import rotation_vectors, rotations, skew
 
 DAMPING_FIRST, DAMPING_LEAST, DAMPING_MOST = 1e-3, 1e-6, 1e4
-SETTLED = 1e-5  # relative fall of the cost below which a fit has ended
+LEAST_FALL = 1e-5  # relative fall of the cost below which a fit has ended
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def fit_chain(chain: Chain, linearise: Linearise, canonical_frame: int, spacing:
         trial = _step(chain, equations, others, spacing, damping)
         there = linearise(trial.Ts)
         if there.cost < equations.cost:
-            settled = equations.cost - there.cost < SETTLED * abs(equations.cost)
+            settled = equations.cost - there.cost < LEAST_FALL * abs(equations.cost)
             chain, equations, damping = trial, there, max(damping / 5, DAMPING_LEAST)
             if settled:
                 break

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from stages.kernels.points.nearest import neighbours
+from stages.kernels.points.nearest import FEW_NEIGHBOURS, neighbours
 from stages.kernels.points.sampling import normals, point_spacing
 
 CREASE, LEAST_WEIGHT = 0.1, 0.1  # 1 - |cos| of the angle between normals at which a weight has fallen to 1/e; its floor
@@ -63,7 +63,7 @@ def smoothness_weights(
     return weights / weights.mean() if len(weights) else weights
 
 
-def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = 6) -> SurfaceGraph:
+def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = FEW_NEIGHBOURS) -> SurfaceGraph:
     """Each point linked to its `count` nearest others, but for links that bridge gaps."""
     indices = neighbours(points, count)[1]
     ends = np.stack([np.arange(len(points)).repeat(indices.shape[1]), indices.ravel()], axis=1)

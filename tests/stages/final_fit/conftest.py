@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from schemas.config import FinalFitConfig
 from schemas.joints import PRISMATIC, REVOLUTE
 from stages.final_fit.working import Fit, Frames
 from stages.kernels.alignment.registration import Registration
 from stages.kernels.kinematics.chain import Chain, Joint
 
 CANONICAL = 2
-REACH = 2.0
 FIRST, SECOND = np.array([0.3, 0.2, 0.0, 0.1, 0.4]), np.array([0.1, 0.4, 0.0, 0.3, 0.0])  # what `slides` moves by
 
 
@@ -44,7 +44,9 @@ def still(frames: int) -> np.ndarray:
 
 
 def case(clouds: list[np.ndarray], labels: np.ndarray, chain: Chain) -> Case:
-    frames = Frames(Registration(clouds, CANONICAL), clouds[CANONICAL], np.arange(len(labels)), CANONICAL, REACH)
+    frames = Frames(
+        Registration(clouds, CANONICAL), clouds[CANONICAL], np.arange(len(labels)), CANONICAL, FinalFitConfig()
+    )
     return Case(frames, Fit(chain, labels))
 
 

@@ -23,7 +23,7 @@ def apart(degrees):
 def test_a_known_pair_is_recovered(degrees, offset):
     axis, point = apart(degrees), np.array([[0.0, 0.0, 0.0], offset])
     Ts = screw(axis[0], point[0], FIRST) @ screw(axis[1], point[1], SECOND)
-    pair = fit_screw_pair(Ts, BODY, np.array([0.05, -0.03, 0.04]), CANONICAL, NOISE)
+    pair = fit_screw_pair(Ts, BODY, np.array([0.05, -0.03, 0.04]), CANONICAL, NOISE, 15, 6)
     assert pair.rms < 0.02 * NOISE
     signs = np.sign((pair.axis * axis).sum(axis=1))
     assert np.all((pair.axis * axis).sum(axis=1) * signs > np.cos(np.radians(1)))
@@ -37,7 +37,7 @@ def test_the_residual_is_what_the_pair_leaves():
     twists[:, 3:] = 0
     twists[CANONICAL] = 0
     Ts = joint_transforms(np.zeros(3), twists)  # a ball joint
-    pair = fit_screw_pair(Ts, BODY, np.zeros(3), CANONICAL, NOISE)
+    pair = fit_screw_pair(Ts, BODY, np.zeros(3), CANONICAL, NOISE, 15, 6)
     first, second = (screw(pair.axis[k], pair.point[k], pair.states[:, k]) for k in (0, 1))
     p = np.concatenate([BODY, np.ones((60, 1))], axis=1)
     left = np.einsum("tij,nj->tni", (first @ second - Ts)[:, :3], p)
@@ -47,7 +47,7 @@ def test_the_residual_is_what_the_pair_leaves():
 
 def test_a_plain_hinge_hardly_turns_its_second_joint():
     Ts = screw([0.0, 1.0, 0.0], [0.1, 0.0, 0.0], FIRST)
-    pair = fit_screw_pair(Ts, BODY, np.zeros(3), CANONICAL, NOISE)
+    pair = fit_screw_pair(Ts, BODY, np.zeros(3), CANONICAL, NOISE, 15, 6)
     assert pair.rms < 0.05 * NOISE
     turns = np.ptp(pair.states, axis=0)
     assert turns.min() < 0.02 * np.ptp(FIRST)
@@ -60,7 +60,9 @@ def test_the_unit_of_length_does_not_matter():
     pairs = []
     for scale in (1.0, 1000.0):
         Ts = screw(axis[0], np.zeros(3), FIRST) @ screw(axis[1], [0.05 * scale, 0.0, 0.0], SECOND)
-        pairs.append(fit_screw_pair(Ts, scale * BODY, np.array([0.0, 0.0, 0.02 * scale]), CANONICAL, scale * NOISE))
+        pairs.append(
+            fit_screw_pair(Ts, scale * BODY, np.array([0.0, 0.0, 0.02 * scale]), CANONICAL, scale * NOISE, 15, 6)
+        )
     signs = np.sign((pairs[0].axis * pairs[1].axis).sum(axis=1))
     np.testing.assert_allclose(pairs[0].axis, signs[:, None] * pairs[1].axis, atol=1e-6)
     np.testing.assert_allclose(pairs[0].states, signs * pairs[1].states, atol=1e-6)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from schemas.config import ProjectionConfig
+from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.joints import PRISMATIC, REVOLUTE, SPHERICAL
 from stages.final_fit.working import Fit, relative_motions, to_chain, to_model, working_frames
 from stages.kernels.kinematics.chain import Chain, Joint
@@ -18,7 +18,9 @@ def model_of(truth, scale=1.0, Ts=None):
 
 
 def frames_of(truth, scale=1.0, points=400):
-    return working_frames(truth.sequence.replace(points=scale * truth.sequence.points), 2, points, 2.0)
+    return working_frames(
+        truth.sequence.replace(points=scale * truth.sequence.points), 2, FinalFitConfig(points=points)
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from stages.kernels.alignment import evidence
-from stages.kernels.alignment.evidence import TRUNCATION, gross_cost, motion_cost, price_over
-from stages.kernels.alignment.registration import Registration
+from stages.kernels.alignment.evidence import gross_cost, motion_cost, price_over
+from stages.kernels.alignment.registration import TRUNCATION, Registration
 from stages.kernels.kinematics.tree import joint_transforms
 
 EVERY = np.arange(400)

@@ -38,8 +38,8 @@ def registration(hinge):
 def test_the_truth_costs_less_than_stillness_and_costs_are_truncated(registration, hinge):
     zero = np.zeros(len(MOVING), dtype=int)
     still = np.tile(np.eye(4), (5, 1, 1, 1))
-    true = registration.cost(MOVING, zero, true_Ts(hinge)[:, [1]], 9.0)
-    wrong = registration.cost(MOVING, zero, still, 9.0)
+    true = registration.cost(MOVING, zero, true_Ts(hinge)[:, [1]])
+    wrong = registration.cost(MOVING, zero, still)
     assert true.mean() < 0.5 * wrong.mean()
     assert wrong.max() <= 9.0
 
@@ -54,7 +54,7 @@ def test_cost_equals_its_naive_twin(registration, hinge):
         normal = registration._normals[t][near]
         plane = normal @ (p - frames[t][near]) / registration.spacing / 0.4
         expected.append(min(plane**2 + 0.5 * (distances[near] / registration.spacing) ** 2, 9.0))
-    cost = registration.cost(np.array([250]), np.array([1]), Ts, 9.0)
+    cost = registration.cost(np.array([250]), np.array([1]), Ts)
     assert cost[0] == pytest.approx(np.mean(expected))
 
 
