@@ -40,17 +40,17 @@ class Figures(Schema):
     )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
     told_share: Annotated[float | None, Measure("told")] = Field(
-        default=None, description="share of the points whose part the motion tells"
+        default=None, description="share of the points whose part the motion identifies"
     )
     ari_told: Annotated[float | None, Measure("ARI told", better="higher")] = Field(
-        default=None, description="over the points whose part the motion tells"
+        default=None, description="over the points whose part the motion identifies"
     )
     ri: Annotated[float | None, Measure("RI", better="higher")] = None
     tree_edit_distance: Annotated[float | None, Measure("TED", decimals=1, better="lower")] = None
     recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None
     recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
     recon_of_motion_percent: Annotated[float | None, Measure("recon / motion", "%", 2, "lower")] = Field(
-        default=None, description="% of the mean true way from the canonical frame"
+        default=None, description="% of the mean true motion from the canonical frame"
     )
     epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
     epe_percent: Annotated[float | None, Measure("EPE", "%", better="lower")] = None
@@ -86,7 +86,7 @@ class Figures(Schema):
         default=None, description="of all stages"
     )
     peak_memory_mib: Annotated[float | None, Measure("memory", "MiB", 0, "lower")] = Field(
-        default=None, description="of the hungriest stage"
+        default=None, description="of the stage with the most"
     )
 
 
