@@ -18,12 +18,12 @@ from pipeline.configuration.presets import load_config
 from schemas.flow import Flow
 from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence
-from stages.flow.stage import estimate_flow
+from stages.flow.stage import compute_flow
 from stages.ingest.sources import file_source
-from stages.ingest.stage import ingest
+from stages.ingest.stage import compute_ingest
 from stages.kernels.motion.rigid_motion import move_points
 from stages.relaxed_fit.reconstruction_energy import EnergyTerms, ReconstructionEnergy
-from stages.relaxed_fit.stage import fit_relaxed
+from stages.relaxed_fit.stage import compute_relaxed_fit
 from stages.support.progress import silent
 
 
@@ -35,13 +35,13 @@ def main(words: list[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     rng = np.random.default_rng(0)
     config = load_config(["scans", "paper"])
-    sequence = ingest(file_source(arguments.frames), config.ingest, rng, silent).sequence
-    flow = estimate_flow(sequence, config.flow, rng)
+    sequence = compute_ingest(file_source(arguments.frames), config.ingest, rng, silent).sequence
+    flow = compute_flow(sequence, config.flow, rng)
     gumbel = config.relaxed_fit.gumbel.model_copy(update={"iterations": arguments.iterations})
     for solver in ("alternating", "gumbel"):
         settings = config.relaxed_fit.model_copy(update={"solver": solver, "gumbel": gumbel})
         clock = time.perf_counter()
-        model = fit_relaxed(sequence, flow, sequence.frame_count // 2, settings, np.random.default_rng(0))
+        model = compute_relaxed_fit(sequence, flow, sequence.frame_count // 2, settings, np.random.default_rng(0))
         seconds = time.perf_counter() - clock
         terms = energy(model, sequence, flow).row()
         named = zip(RECONSTRUCTION_ENERGIES, terms, strict=True)

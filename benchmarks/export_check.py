@@ -43,7 +43,7 @@ from schemas.errors import InputError
 from schemas.manifest import Manifest
 from schemas.model_file import ModelJoint, Result
 from schemas.sequence import IngestedSequence
-from stages.export.stage import WRITERS, describe
+from stages.export.stage import WRITERS, compute_export
 from stages.ingest.sources import list_sources
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree
@@ -195,7 +195,7 @@ def prepare(artifact: Path, anew: bool, assets: Path | None) -> tuple[Exported, 
         folder = Path.cwd() / "robot"
         frames = [ingested.sequence.to_input(frame) for frame in ingested.sequence.frames()]
         config = PipelineConfig.model_validate(manifest.config)
-        robot = describe(result, frames, config.export, manifest.sequence)
+        robot = compute_export(result, frames, config.export, manifest.sequence)
         for writer in WRITERS.values():
             write_files(folder, writer(robot))
     exported = Exported(manifest.sequence, result, folder)

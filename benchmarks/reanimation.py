@@ -1,15 +1,15 @@
 """How much of the reanimation error is the model's: `python benchmarks/reanimation.py WORKDIR [--only SEQUENCE ...]`.
 
 WORKDIR is a finished run's working directory, or one data set's folder in it. Three models of every sequence are
-brought to its unseen states by the evaluation's own procedure, told the same points: one of each true part, drawn
+brought to its unseen states by the evaluation's own procedure, given the same points: one of each true part, drawn
 several times.
 
 - *fitted*: the run's model.
-- *exact*: the true parts and the true joints. What it leaves, the told points leave open.
+- *exact*: the true parts and the true joints. What it leaves, the given points leave open.
 - *sampled*: the true parts, tree and joint types, with axes and states fitted to the sampled frames as in the final
   fit. This is the true model's own sampling floor: what the frames tell of the joints once all else is known.
 
-*Right points* asks the same where the parts are right: points that carry their true part's label are told, and count.
+*Right points* asks the same where the parts are right: points that carry their true part's label are given, and count.
 The record goes to results/reanimation-DATE.json and .md.
 """
 
@@ -42,12 +42,12 @@ from stages.final_fit.working import Fit, to_model, working_frames
 from stages.kernels.labelling.matching import match_parts
 from stages.rearticulation.mechanism import chain_of, root_moves
 
-DRAWS = 5  # of the told points; the first is the evaluation's own
+DRAWS = 5  # of the given points; the first is the evaluation's own
 OVERLAP = 0.5  # least share of a part's points, found and true together, that are common to both where it is right
 
 
 class Reanimation(Schema):
-    """Errors of one sequence, in % of the diagonal: means over points, unseen states and draws of the told points."""
+    """Errors of one sequence, in % of the diagonal: means over points, unseen states and draws of the given points."""
 
     sequence: str
     parts_found: int
@@ -86,7 +86,7 @@ def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("workdir", type=Path, help="a finished run's working directory, or a data set's folder in it")
     parser.add_argument("--only", nargs="+", metavar="SEQUENCE", help="these sequences only")
-    parser.add_argument("--draws", type=int, default=DRAWS, help=f"of the told points; default: {DRAWS}")
+    parser.add_argument("--draws", type=int, default=DRAWS, help=f"of the given points; default: {DRAWS}")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", help="where the record is kept")
     arguments = parser.parse_args(words)
     found = [path for depth in ("*/", "*/*/") for path in arguments.workdir.glob(f"{depth}evaluation-*/manifest.json")]
@@ -139,8 +139,8 @@ def measure(artifact: Path, draws: int) -> Reanimation:
 
     def error(model: KinematicModel, among: Bool[np.ndarray, "points"]) -> float:
         distances = [
-            reanimation_distances(model, truth, labels_true, p, told, config.evaluation.reanimation_iterations)
-            for told in told_points(labels_true, among, manifest.seed, draws)
+            reanimation_distances(model, truth, labels_true, p, given, config.evaluation.reanimation_iterations)
+            for given in target_points(labels_true, among, manifest.seed, draws)
         ]
         return 100 * float(np.mean([distance[:, among].mean() for distance in distances]))
 
@@ -159,9 +159,9 @@ def measure(artifact: Path, draws: int) -> Reanimation:
     )
 
 
-def told_points(
+def target_points(
     labels_true: Int64[np.ndarray, "points"], among: Bool[np.ndarray, "points"], seed: int, draws: int
-) -> Iterable[Int64[np.ndarray, "told"]]:
+) -> Iterable[Int64[np.ndarray, "given"]]:
     """One point of each true part, several times; of those in `among` where the part has any."""
     parts = [np.flatnonzero(labels_true == part) for part in np.unique(labels_true)]
     parts = [own[among[own]] if among[own].any() else own for own in parts]

@@ -263,6 +263,10 @@ class ProjectionConfig(Settings):
         default=60, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
     )
     contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
+    root: Literal["still", "middle"] = Field(
+        default="still",
+        description="the part that stands still, or the one in the middle of the body, as suits people and animals",
+    )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
     )
@@ -312,7 +316,7 @@ class FinalFitConfig(Settings):
     )
     link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
     freedom_price: float = Field(
-        default=60.0,
+        default=30.0,
         ge=0,
         description="a joint of a kind with more degrees of freedom must lower the points' costs by more for each",
     )
@@ -335,9 +339,7 @@ class EvaluationConfig(Settings):
     """Evaluation (A.9)."""
 
     reanimation_iterations: int = Field(default=200, ge=1)
-    told_points: int = Field(
-        default=4096, ge=16, description="points per frame that are tested for whether the motion identifies their part"
-    )
+    told_points: int = Field(default=4096, ge=16, description="points per frame that are tested for being observable")
 
 
 class ExportConfig(Settings):

@@ -82,7 +82,7 @@ JOINT_KINDS: dict[str, JointKind] = {kind.name: kind for kind in (REVOLUTE, PRIS
 def joint_kind(name: str) -> JointKind:
     """Look up a kind by its name. Raises ValueError for an unknown name."""
     if name not in JOINT_KINDS:
-        raise ValueError(f"expected a kind of joint, one of {', '.join(JOINT_KINDS)}")
+        raise ValueError(f"expected one of {', '.join(JOINT_KINDS)}")
     return JOINT_KINDS[name]
 
 

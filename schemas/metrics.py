@@ -46,10 +46,11 @@ class Metrics(Artifact):
     ari: float | None = None
     ri: float | None = None
     told_share: float | None = Field(
-        default=None, description="share of the points whose observed motion fits no part but their own"
+        default=None,
+        description="share of observable points: only their own part can move them as the frames show",
     )
-    ari_told: float | None = Field(default=None, description="ARI over those points alone; None if there are none")
-    untold_parts: tuple[str, ...] = Field(default=(), description="true parts with hardly any such point")
+    ari_told: float | None = Field(default=None, description="ARI over observable points; None if there are none")
+    untold_parts: tuple[str, ...] = Field(default=(), description="true parts with hardly any observable point")
     tree_edit_distance: int | None = None
     recon: float | None = None
     recon_percent: float | None = None

@@ -40,10 +40,10 @@ class Figures(Schema):
     )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
     told_share: Annotated[float | None, Measure("told")] = Field(
-        default=None, description="share of the points whose part the motion identifies"
+        default=None, description="share of observable points, whose part the motion determines"
     )
     ari_told: Annotated[float | None, Measure("ARI told", better="higher")] = Field(
-        default=None, description="over the points whose part the motion identifies"
+        default=None, description="over observable points"
     )
     ri: Annotated[float | None, Measure("RI", better="higher")] = None
     tree_edit_distance: Annotated[float | None, Measure("TED", decimals=1, better="lower")] = None

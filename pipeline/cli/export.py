@@ -55,12 +55,12 @@ def export(
     result = read_model_folder(model)
     folder = writable_folder(out or model, "--out")
     check_target(folder)
-    from stages.export.stage import WRITERS, check_exportable, describe  # Open3D takes seconds to import
+    from stages.export.stage import WRITERS, check_exportable, compute_export  # Open3D takes seconds to import
 
     with naming(model):
         check_exportable(result)
     frames = frames_of_model(model, result)
-    robot = describe(result, frames, config, model.resolve().name)
+    robot = compute_export(result, frames, config, model.resolve().name)
     files = WRITERS[to](robot)
     deliver(folder, files)
     what = f"{len(frames)} frames" if frames else "the canonical frame only"

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 
 from pipeline.cli.display import RunDisplay
-from pipeline.configuration.presets import DATASETS, load_config
+from pipeline.configuration.presets import BODIES, DATASETS, load_config
 from pipeline.run import launch
 from pipeline.run.failures import AGAIN
 from pipeline.run.protocol import Request
@@ -90,7 +90,8 @@ def dataset_config(
     if dataset not in DATASETS:
         raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
     source = dataset.partition("-")[0]
-    presets = dict.fromkeys(name for name in (source, dataset, preset) if name is not None)
+    bodies = "bodies" if dataset in BODIES else None
+    presets = dict.fromkeys(name for name in (source, bodies, dataset, preset) if name is not None)
     shared = {"--seed": ("seed", seed), "--joints": ("projection.joints", names(joints))}
     return load_config(list(presets), settings, shared | dict(options or {}))
 

@@ -29,6 +29,7 @@ DATASETS = (
     "humans",
     "dfaust",
 )
+BODIES = ("humans", "dfaust")  # on top of the preset bodies
 DEEPEST = 10  # nested tables; no setting is as deep, and deeper ones may exhaust the stack
 LONGEST_SHOWN = 100  # characters of a value that cannot be used
 

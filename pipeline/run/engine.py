@@ -24,7 +24,7 @@ from pipeline.run.order import prioritise
 from pipeline.run.plan import origin_of, plan
 from pipeline.run.plugins import check_plugins
 from pipeline.run.processes import die_with_forking_parent, die_with_parent, how_it_ended
-from pipeline.run.protocol import Event, Report, Request, write_to_pipe
+from pipeline.run.protocol import Event, Listener, Request, write_to_pipe
 from pipeline.run.task import Job, StageTask, package_versions, upstream_first
 from pipeline.run.tasks import IngestTask, final_tasks
 from pipeline.store import artifacts
@@ -52,10 +52,10 @@ class LocalLuigi:
         )
 
 
-def run(request: Request, report: Report) -> None:
+def run(request: Request, notify: Listener) -> None:
     """Bring every requested sequence as far as possible. Raises InputError for a request that cannot be met."""
     artifacts.sweep(request.workdir)
-    jobs = [job for job in plan(request, report) if announce(job)]
+    jobs = [job for job in plan(request, notify) if announce(job)]
     tasks = upstream_first(task for job in jobs for task in final_tasks(job))
     prioritise([final_tasks(job) for job in jobs], request.workers)
     ingests = [IngestTask(job=job) for job in jobs]
@@ -158,11 +158,11 @@ def main() -> None:
     faulthandler.enable(2)  # print the traceback of a crash in a C library; a worker's goes to its log
     multiprocessing.set_start_method("fork")
     sys.path.append(os.getcwd())  # for the user's own stage functions; last, so that it shadows none of our modules
-    report = write_to_pipe(events)
+    notify = write_to_pipe(events)
     try:
-        run(Request.model_validate_json(sys.stdin.buffer.read()), report)
+        run(Request.model_validate_json(sys.stdin.buffer.read()), notify)
     except InputError as error:
-        report(Event(kind="refused", message=str(error)))
+        notify(Event(kind="refused", message=str(error)))
     except (OSError, MemoryError) as error:
         sys.exit(one_line(error))  # the last line that the command line reads
 

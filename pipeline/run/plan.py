@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.run.failures import one_line
-from pipeline.run.protocol import Event, Report, Request, ignore
+from pipeline.run.protocol import Event, Listener, Request, ignore
 from pipeline.run.task import Job, StageTask, upstream_first
 from pipeline.run.tasks import STAGES, final_tasks
 from pipeline.store.artifacts import ArtifactError, completed_at
@@ -16,7 +16,7 @@ from stages.ingest.sources import DescribedSource, HumanSource, RoboartSource, S
 from stages.ingest.truth import truth_files
 
 
-def plan(request: Request, report: Report = ignore) -> list[Job]:
+def plan(request: Request, notify: Listener = ignore) -> list[Job]:
     """Make a job for each requested sequence. A sequence with unreadable input is reported as failed and left out.
 
     Input that this machine lacks is a failure only if the sequence was requested by name. Otherwise a warning says how
@@ -27,10 +27,10 @@ def plan(request: Request, report: Report = ignore) -> list[Job]:
     jobs = []
     for source in _sources(request):
         try:
-            jobs.append(_job(source, request, report))
+            jobs.append(_job(source, request, notify))
         except (InputError, ArtifactError, OSError) as error:
             optional = isinstance(error, UnavailableError) and request.sequences is None
-            report(
+            notify(
                 Event(
                     kind="warning" if optional else "failed",
                     sequence=source.name,
@@ -42,8 +42,8 @@ def plan(request: Request, report: Report = ignore) -> list[Job]:
     return jobs
 
 
-def _job(source: Source, request: Request, report: Report) -> Job:
-    job = Job(request.dataset, source, source.digest(), request.config, request.workdir, report)
+def _job(source: Source, request: Request, notify: Listener) -> Job:
+    job = Job(request.dataset, source, source.digest(), request.config, request.workdir, notify)
     if request.rerun is not None:
         job.replaces.update(_completion_times(downstream_of(request.rerun, final_tasks(job))))
     return job

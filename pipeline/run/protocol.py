@@ -52,24 +52,24 @@ class Event(Schema):
         return message.encode("utf-8", "backslashreplace").decode()[:MESSAGE_LIMIT]
 
 
-Report = Callable[[Event], None]
+Listener = Callable[[Event], None]
 
 
 def ignore(event: Event) -> None:
-    """A report that drops every event."""
+    """A listener that drops every event."""
 
 
-def write_to_pipe(handle: int) -> Report:
-    """Make a report that writes JSON lines to a pipe.
+def write_to_pipe(handle: int) -> Listener:
+    """Make a listener that writes JSON lines to a pipe.
 
     An `os.write` below PIPE_BUF (4096 bytes) is atomic, so workers share the pipe without a lock, which a killed worker
     might never release. The process ends if the pipe has no reader any more.
     """
 
-    def report(event: Event) -> None:
+    def notify(event: Event) -> None:
         try:
             os.write(handle, event.model_dump_json().encode() + b"\n")
         except BrokenPipeError:
             os._exit(1)
 
-    return report
+    return notify

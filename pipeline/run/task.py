@@ -24,7 +24,7 @@ from pipeline.run.logs import captured
 from pipeline.run.place import Place
 from pipeline.run.plugins import own_code
 from pipeline.run.processes import die_with_forking_parent, peak_memory_mib
-from pipeline.run.protocol import Event, Report, ignore
+from pipeline.run.protocol import Event, Listener, ignore
 from pipeline.store import artifacts
 from pipeline.store.files import write_atomically
 from pipeline.store.keys import artifact_key, canonical_json
@@ -48,7 +48,7 @@ class Job:
     source_digest: str
     config: PipelineConfig
     workdir: Path
-    report: Report = ignore
+    notify: Listener = ignore
     replaces: dict[Path, int] = field(default_factory=dict)  # artifact to replace -> when it was completed
 
     @property
@@ -204,7 +204,7 @@ class StageTask(luigi.Task):
     def tell(self, kind: str, **news: Any) -> None:
         """Report an event of this task."""
         identity = {"sequence": self.job.source.name, "task": self.label, "artifact": self.directory.name}
-        self.job.report(Event.model_validate({"kind": kind, **identity, **news}))
+        self.job.notify(Event.model_validate({"kind": kind, **identity, **news}))
 
     def _make_logged(self) -> None:
         try:

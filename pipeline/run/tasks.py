@@ -45,9 +45,9 @@ class IngestTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> IngestedSequence:
-        from stages.ingest.stage import ingest
+        from stages.ingest.stage import compute_ingest
 
-        return ingest(given.source, given.settings.ingest, given.rng, given.progress)
+        return compute_ingest(given.source, given.settings.ingest, given.rng, given.progress)
 
 
 class FlowTask(StageTask):
@@ -69,9 +69,9 @@ class FlowTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Flow:
-        from stages.flow.stage import estimate_flow
+        from stages.flow.stage import compute_flow
 
-        return estimate_flow(inputs["ingest"].sequence, given.settings.flow, given.rng, given.progress)
+        return compute_flow(inputs["ingest"].sequence, given.settings.flow, given.rng, given.progress)
 
 
 class CandidateTask(StageTask):
@@ -104,13 +104,15 @@ class RelaxedFitTask(CandidateTask):
     def compute(inputs: Inputs, given: Given) -> RelaxedModel:
         from stages.canonical_frame.candidates import candidate_frame
         from stages.relaxed_fit.carry_over import carry_over
-        from stages.relaxed_fit.stage import fit_relaxed
+        from stages.relaxed_fit.stage import compute_relaxed_fit
 
         sequence = inputs["ingest"].sequence
         frame = candidate_frame(sequence.point_counts.tolist(), **given.parameters)
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
-        return fit_relaxed(sequence, inputs["flow"], frame, given.settings.relaxed_fit, given.rng, given.progress)
+        return compute_relaxed_fit(
+            sequence, inputs["flow"], frame, given.settings.relaxed_fit, given.rng, given.progress
+        )
 
 
 class ProjectionTask(CandidateTask):
@@ -122,9 +124,9 @@ class ProjectionTask(CandidateTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
-        from stages.projection.stage import project
+        from stages.projection.stage import compute_projection
 
-        return project(inputs["relaxed_fit"], inputs["ingest"].sequence, given.settings.projection)
+        return compute_projection(inputs["relaxed_fit"], inputs["ingest"].sequence, given.settings.projection)
 
 
 class MergingTask(CandidateTask):
@@ -137,10 +139,10 @@ class MergingTask(CandidateTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
-        from stages.merging.stage import merge
+        from stages.merging.stage import compute_merging
 
         settings, sequence = given.settings, inputs["ingest"].sequence
-        return merge(inputs["projection"], sequence, settings.merging, settings.projection)
+        return compute_merging(inputs["projection"], sequence, settings.merging, settings.projection)
 
 
 class FinalFitTask(CandidateTask):
@@ -157,13 +159,12 @@ class FinalFitTask(CandidateTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
-        from stages.final_fit.stage import fit_final
+        from stages.final_fit.stage import compute_final_fit
 
         model, sequence = inputs["merging"], inputs["ingest"].sequence
         settings = given.settings
-        return fit_final(
-            model, sequence, inputs["flow"], settings.final_fit, settings.projection, given.rng, given.progress
-        )
+        kinds = settings.projection.kinds
+        return compute_final_fit(model, sequence, inputs["flow"], settings.final_fit, given.rng, given.progress, kinds)
 
 
 class CanonicalFrameTask(StageTask):
@@ -177,11 +178,11 @@ class CanonicalFrameTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> CanonicalChoice:
-        from stages.canonical_frame.stage import choose
+        from stages.canonical_frame.stage import compute_canonical_frame
 
         models = [model for name, model in inputs.items() if name != "ingest"]
         settings, sequence = given.settings, inputs["ingest"].sequence
-        return choose(models, sequence, settings.canonical_frame.by, settings.final_fit)
+        return compute_canonical_frame(models, sequence, settings.canonical_frame.by, settings.final_fit)
 
 
 class ResultTask(StageTask):
@@ -192,9 +193,9 @@ class ResultTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Result:
-        from stages.result.stage import to_result
+        from stages.result.stage import compute_result
 
-        return to_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
+        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
 
     @staticmethod
     def files(output: Result, inputs: Inputs, given: Given) -> dict[str, bytes]:
@@ -211,11 +212,11 @@ class ExportTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Robot:
-        from stages.export.stage import describe
+        from stages.export.stage import compute_export
 
         sequence = inputs["ingest"].sequence
         frames = [sequence.to_input(frame) for frame in sequence.frames()]
-        return describe(inputs["result"], frames, given.settings.export, given.source.name)
+        return compute_export(inputs["result"], frames, given.settings.export, given.source.name)
 
     @staticmethod
     def files(output: Robot, inputs: Inputs, given: Given) -> dict[str, bytes]:
@@ -232,9 +233,11 @@ class EvaluationTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Metrics:
-        from stages.evaluation.stage import evaluate
+        from stages.evaluation.stage import compute_evaluation
 
-        return evaluate(inputs["canonical_frame"].model, inputs["ingest"], given.settings.evaluation, given.rng)
+        return compute_evaluation(
+            inputs["canonical_frame"].model, inputs["ingest"], given.settings.evaluation, given.rng
+        )
 
 
 class ReportTask(StageTask):
@@ -250,9 +253,9 @@ class ReportTask(StageTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Report:
-        from stages.report.stage import measure
+        from stages.report.stage import compute_report
 
-        return measure(inputs["result"], inputs["ingest"].sequence)
+        return compute_report(inputs["result"], inputs["ingest"].sequence)
 
     @staticmethod
     def files(output: Report, inputs: Inputs, given: Given) -> dict[str, bytes]:

@@ -11,7 +11,7 @@ from schemas.sequence import PointSequence
 from stages.final_fit.shared_energy import shared_energies
 
 
-def choose(
+def compute_canonical_frame(
     models: Sequence[KinematicModel],
     sequence: PointSequence,
     by: Literal["fit", "project"],

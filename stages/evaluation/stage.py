@@ -11,7 +11,7 @@ from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
-from stages.evaluation.identifiability import tellable_points
+from stages.evaluation.identifiability import observable_points
 from stages.evaluation.tree_edit_distance import unordered_tree_edit_distance
 from stages.evaluation.true_motion import motion_errors, since_canonical, true_positions
 from stages.kernels.labelling.matching import match_parts
@@ -20,16 +20,16 @@ from stages.kernels.points.sampling import working_points
 from stages.rearticulation.mechanism import Mechanism, chain_of, root_moves
 from stages.rearticulation.solver import rearticulate
 
-TOLD = 0.1  # a part of whose points a smaller share is told by the motion cannot be told itself
+OBSERVABLE = 0.1  # a part with a smaller share of observable points is not observable itself
 
 
-def evaluate(
+def compute_evaluation(
     model: KinematicModel, ingested: IngestedSequence, config: EvaluationConfig, rng: np.random.Generator
 ) -> Metrics:
     """Measure a model against its sequence and, where there is one, against the ground truth (A.9).
 
     Lengths come out in the input's units and in % of the object's diagonal; `rng` draws the points that
-    the reanimation metric is told. Without ground truth only the Chamfer distance and the counts are known; where
+    the reanimation metric is given. Without ground truth only the Chamfer distance and the counts are known; where
     only the true surface is, also the errors of the motion.
     """
     sequence, truth = ingested.sequence, ingested.truth
@@ -55,20 +55,20 @@ def evaluate(
     joints = joint_errors(model, truth, labels_true)
     type_right = [joint.predicted_type == joint.true_type for joint in joints if joint.predicted_type is not None]
     looked_at = [working_points(frame, config.told_points) for frame in frames]
-    told = tellable_points(
+    observable = observable_points(
         [frame[index] for frame, index in zip(frames, looked_at, strict=True)],
         [labels[index] for labels, index in zip(labels_of_frames, looked_at, strict=True)],
         Ts_true,
         model.canonical_frame,
     )
-    index_told = looked_at[model.canonical_frame][told]
+    observed = looked_at[model.canonical_frame][observable]
     return metrics.replace(
         parts_true=len(truth.parent),
         ari=float(adjusted_rand_score(labels_true, model.labels)),
         ri=float(rand_score(labels_true, model.labels)),
-        told_share=float(told.mean()),
-        ari_told=float(adjusted_rand_score(labels_true[index_told], model.labels[index_told])) if told.any() else None,
-        untold_parts=_untold_parts(truth, labels_true[looked_at[model.canonical_frame]], told),
+        told_share=float(observable.mean()),
+        ari_told=float(adjusted_rand_score(labels_true[observed], model.labels[observed])) if len(observed) else None,
+        untold_parts=_unobservable_parts(truth, labels_true[looked_at[model.canonical_frame]], observable),
         tree_edit_distance=_tree_edit_distance(model, truth),
         reanimation=None if reanimation is None else reanimation * sequence.scale,
         reanimation_percent=None if reanimation is None else 100 * reanimation,
@@ -78,13 +78,14 @@ def evaluate(
     )
 
 
-def _untold_parts(
-    truth: GroundTruth, labels_true: Int64[np.ndarray, "points"], told: Bool[np.ndarray, "points"]
+def _unobservable_parts(
+    truth: GroundTruth, labels_true: Int64[np.ndarray, "points"], observable: Bool[np.ndarray, "points"]
 ) -> tuple[str, ...]:
-    """The names of true parts of whose points the motion tells fewer than `TOLD`."""
+    """The names of true parts with a share of observable points below `OBSERVABLE`."""
     count = len(truth.parent)
-    points, points_told = np.bincount(labels_true, minlength=count), np.bincount(labels_true[told], minlength=count)
-    return tuple(truth.part_names[part] for part in np.flatnonzero(points_told < TOLD * points))
+    points = np.bincount(labels_true, minlength=count)
+    points_observable = np.bincount(labels_true[observable], minlength=count)
+    return tuple(truth.part_names[part] for part in np.flatnonzero(points_observable < OBSERVABLE * points))
 
 
 def chamfer_distance(
@@ -106,14 +107,14 @@ def reanimation_error(
     iterations: int,
     rng: np.random.Generator,
 ) -> float | None:
-    """Mean distance to the true unseen states when one random point of each true part tells the model its pose.
+    """Mean distance to the true unseen states when the model is given the place of one random point of each true part.
 
     Normalised; None where there are no unseen states. The root is free where it moved in the sequence.
     """
     if len(truth.Ts_novel_first) == 0:
         return None
-    told = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
-    return float(reanimation_distances(model, truth, labels_true, p_canonical, told, iterations).mean())
+    given = np.array([rng.choice(np.flatnonzero(labels_true == part)) for part in np.unique(labels_true)])
+    return float(reanimation_distances(model, truth, labels_true, p_canonical, given, iterations).mean())
 
 
 def reanimation_distances(
@@ -121,15 +122,15 @@ def reanimation_distances(
     truth: GroundTruth,
     labels_true: Int64[np.ndarray, "points"],
     p_canonical: Float64[np.ndarray, "points 3"],
-    told: Int64[np.ndarray, "told"],
+    given: Int64[np.ndarray, "given"],
     iterations: int,
 ) -> Float64[np.ndarray, "states points"]:
-    """How far each point is from its true place in the unseen states, when the model is told where some of them lie."""
+    """How far each point is from its true place in the unseen states, when the places of some of them are given."""
     p_true = move_points(
         since_canonical(truth.Ts_novel_first, truth, model.canonical_frame)[:, labels_true], p_canonical
     )
     mechanism = Mechanism.without_limits(chain_of(model, root_moves(model.Ts_frame_canonical[:, model.root])))
-    found = [rearticulate(mechanism, p_canonical[told], model.labels[told], p[told], iterations) for p in p_true]
+    found = [rearticulate(mechanism, p_canonical[given], model.labels[given], p[given], iterations) for p in p_true]
     Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
     distances: np.ndarray = np.linalg.norm(
         move_points(Ts_novel_canonical[:, model.labels], p_canonical) - p_true, axis=-1
@@ -156,7 +157,7 @@ def joint_errors(
 def joint_verdicts(
     model: KinematicModel, truth: GroundTruth, labels_true: Int64[np.ndarray, "points"]
 ) -> tuple[JointVerdict, ...]:
-    """Whether each predicted joint is a true one, and how sure the model was; none where either is not told."""
+    """Whether each predicted joint is a true one, and how sure the model was; none where either is unknown."""
     if not truth.joints:
         return ()
     matched = match_parts(model.labels, labels_true)

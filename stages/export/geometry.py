@@ -12,7 +12,7 @@ from schemas.errors import InputError
 from schemas.model_file import Result
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
 from stages.kernels.surfaces.surface_graph import surface_graph
 from stages.support.open3d_use import needing_open3d
@@ -33,7 +33,7 @@ def fuse(
     """
     p = result.canonical_points.astype(np.float64)
     clouds, labels = [p], [result.labels]
-    reach = FARTHEST * spacing(p)
+    reach = FARTHEST * point_spacing(p)
     for t, frame in enumerate(frames or ()):
         if t == result.model.canonical_frame:
             continue
@@ -62,7 +62,7 @@ def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kep
 @needing_open3d("meshes of parts")
 def part_mesh(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Mesh:
     """The surface of a part's cleaned points. A single point becomes a small ball, a flat part a slab."""
-    radius = max(config.reach * spacing(points), least_radius) if len(points) > 1 else least_radius
+    radius = max(config.reach * point_spacing(points), least_radius) if len(points) > 1 else least_radius
     mesh = closed_surface(points, radius)
     return decimated(convex_hull(mesh.vertices) if config.surface == "hull" else mesh, config.triangles)
 

@@ -20,7 +20,7 @@ from stages.export.remarks import remarks
 from stages.kernels.points.contact import next_to_contact
 from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, convex_hull
 from stages.rearticulation.mechanism import root_moves
 
@@ -56,7 +56,7 @@ class Body:
         return hull, "hull"
 
 
-def describe(
+def compute_export(
     result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, config: ExportConfig, name: str
 ) -> Robot:
     """Describe a model as a robot. `frames`, in the input's coordinates, make its meshes denser if given.
@@ -73,7 +73,7 @@ def describe(
     middle, diagonal = middle * scale, diagonal * scale
     # lengths below are relative to the root's origin, since meshes hold 32-bit floats
     root_origin = np.zeros(3) if float32_holds(scale * result.canonical_points) else middle
-    radius = config.reach * spacing(fused)
+    radius = config.reach * point_spacing(fused)
     bodies = [
         _body(fused[labels == part.id], radius, config).placed(diagonal, middle - root_origin) for part in model.parts
     ]

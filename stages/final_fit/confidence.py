@@ -47,7 +47,7 @@ def joint_confidence(
 
 
 def _blur(coarseness: float) -> float:
-    """By how much steps of so many spacings raise the squared noise of plane distances; 1 where there are none."""
+    """By how much steps of so many spacings raise the squared spread of plane distances; 1 where there are none."""
     return 1.0 + (coarseness / np.sqrt(12) / PLANE_NOISE) ** 2
 
 
@@ -131,7 +131,7 @@ class Rivals:
         """By how many spacings the second best parent is worse: farther off, or two degrees of freedom away."""
         joint, other = np.nonzero(~self.tree.moves)  # whatever hangs on a child cannot be its parent
         child = self.tree.child[joint]
-        left = self._refitted(joint, other, child).rms / self.frames.noise
+        left = self._refitted(joint, other, child).rms / self.frames.spacing
         distance = self._gaps()[other, child] + left
         own = other == self.tree.parent[joint]
         second = np.full(len(self.tree.child), np.inf)
@@ -200,7 +200,7 @@ class Rivals:
         for a, tree in enumerate(trees):
             for b in range(a):
                 if tree is not None and len(members[b]):
-                    least = nearest(tree, members[b])[0].min() / frames.noise
+                    least = nearest(tree, members[b])[0].min() / frames.spacing
                     gaps[a, b] = gaps[b, a] = max(least - CONTACT, 0.0)
         return gaps
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int64
 from schemas.joints import REVOLUTE
 from stages.final_fit.motion_model import MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_place
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
@@ -40,17 +40,19 @@ def add_freedom(
 ) -> Fit:
     """The tree fitted to the free motions, with more freedom in its joints where the frames ask for it.
 
-    A joint gets a further link within it where that lowers the points' costs by more than `link_price`. Then a joint
-    becomes one of a kind with more degrees of freedom where that lowers them by more than `freedom_price` for each. The
-    greatest gain comes first. Links come first since they explain most motions as well as a ball joint does. Without a
-    link price none are inserted. Where the root itself moves about one fixed axis, it is hung on a still base. New
-    links have no points yet.
+    A joint gets a further link within it where that lowers the points' costs by more than `link_price`, or becomes one
+    of a kind with more degrees of freedom where that lowers them by more than `freedom_price` for each. The greatest
+    gain comes first. Kinds with more freedom than a further link gives, as ball joints have, come after all links: both
+    explain most motions of few frames as well. Without a link price none are inserted. Where the root itself moves
+    about one fixed axis, it is hung on a still base. New links have no points yet.
     """
     trials = _Trials(fit.labels, frames, Ts_free)
     chain = trials.fit(fit.chain, SETTLE)
     if link_price is not None:
-        chain = trials.freed(chain, lambda chain, joint: trials.with_link(chain, joint, link_price))
-    chain = trials.freed(chain, lambda chain, joint: trials.with_kinds(chain, joint, freedom_price))
+        pairs = partial(trials.with_link, price=link_price)
+        kinds = partial(trials.with_kinds, price=freedom_price, most=1)  # as much freedom as a link gives
+        chain = trials.freed(chain, lambda chain, joint: pairs(chain, joint) + kinds(chain, joint))
+    chain = trials.freed(chain, partial(trials.with_kinds, price=freedom_price))
     return Fit(_on_still_base(trials.fit(chain, SETTLE), fit.labels, frames), fit.labels)
 
 
@@ -77,13 +79,13 @@ class _Trials:
     @cached_property
     def model(self) -> MotionModel:
         equations = self.frames.registration.linearise(self.labels, self.Ts_free, self.frames.reach)
-        return MotionModel(equations, self.Ts_free, self.frames.noise)
+        return MotionModel(equations, self.Ts_free, self.frames.spacing)
 
     def cost(self, chain: Chain) -> float:
         return self.model(chain.Ts).cost
 
     def fit(self, chain: Chain, iterations: int) -> Chain:
-        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
+        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.spacing, iterations)
 
     def freed(self, chain: Chain, offers: Offers) -> Chain:
         """The chain with what is offered for its joints wherever that is worth its price, the greatest gain first."""
@@ -112,8 +114,11 @@ class _Trials:
         pair = self.pair(chain, int(chain.tree.parent[joint]), int(chain.tree.child[joint]))
         return [] if pair is None else [_Trial(_with_link(chain, joint, pair), price)]
 
-    def with_kinds(self, chain: Chain, joint: int, price: float) -> list[_Trial]:
-        """The chain with one of its joints made one of each kind with more freedom; none where a part is unseen."""
+    def with_kinds(self, chain: Chain, joint: int, price: float, most: int = 6) -> list[_Trial]:
+        """The chain with one of its joints made one of each kind with more freedom; none where a part is unseen.
+
+        `most` is the number of further degrees that a kind may have.
+        """
         own = chain.joint(joint)
         p_child = self.frames.p[self.labels == own.child]
         if len(p_child) == 0 or not (self.labels == own.parent).any():
@@ -121,7 +126,7 @@ class _Trials:
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion, trials = inverse(self.Ts_free[:, own.parent]) @ self.Ts_free[:, own.child], []
         for kind in self.frames.kinds:
-            if kind.size > own.kind.size:
+            if own.kind.size < kind.size <= own.kind.size + most:
                 fit = fit_joint([kind], motion, p_child).since(self.frames.canonical_frame)
                 joints = chain.joints()
                 joints[joint] = Joint.of(fit, own.parent, own.child)
@@ -142,14 +147,14 @@ class _Trials:
     def _pair(self, T_frame_parent: Float64[np.ndarray, "frames 4 4"], seen: int, child: int) -> ScrewPair | None:
         frames = self.frames
         p_child = frames.p[self.labels == child]
-        contact = contact_of(frames.p[self.labels == seen], p_child)
+        p_contact = contact_place(frames.p[self.labels == seen], p_child)
         p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
         left = float(fit_joint(frames.plain_kinds, motion, p_child).rms)
-        if left <= TOLERATED * frames.noise:
+        if left <= TOLERATED * frames.spacing:
             return None
-        pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.noise, PAIR_STEPS)
-        return pair if pair.residual < EXPLAINED * left else None
+        pair = fit_screw_pair(motion, p_child, p_contact, frames.canonical_frame, frames.spacing, PAIR_STEPS)
+        return pair if pair.rms < EXPLAINED * left else None
 
 
 def _links(chain: Chain) -> dict[Link, int]:
@@ -188,6 +193,6 @@ def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Fr
         return chain
     p_root = p_root[farthest_points(p_root, JOINT_SAMPLES)]
     turn = fit_joint([REVOLUTE], chain.T_frame_root, p_root).since(frames.canonical_frame)
-    if turn.rms > STILL_BASE * frames.noise:
+    if turn.rms > STILL_BASE * frames.spacing:
         return chain
     return Chain.of([Joint.of(turn, base, root), *chain.joints()], base, chain.T_frame_root, free_root=False)

@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from schemas.joints import PRISMATIC, REVOLUTE
 from stages.final_fit.motion_model import MotionModel
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
+from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_place
 from stages.kernels.kinematics.chain import Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
@@ -29,7 +29,7 @@ def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
         p_parent, p_child = (frames.p[fit.labels == part] for part in (joint.parent, joint.child))
         if len(p_parent) == 0 or len(p_child) == 0:
             continue
-        hinge = hinge_at(contact_of(p_parent, p_child), p_child.mean(axis=0), joint)
+        hinge = hinge_at(contact_place(p_parent, p_child), p_child.mean(axis=0), joint)
         joints = fit.chain.joints()
         joints[index] = hinge
         trial = frames.refine(Fit(fit.chain.with_joints(joints), fit.labels), iterations)
@@ -44,7 +44,7 @@ def simplify_joints(fit: Fit, frames: Frames, freedom_price: float) -> Fit:
 
     Judged by the quadratic model of the frames about the fit's own motions; nothing is matched anew.
     """
-    chain, spacing = fit.chain, frames.noise
+    chain, spacing = fit.chain, frames.spacing
     freer = [index for index, kind in enumerate(chain.tree.kinds) if kind not in frames.plain_kinds]
     if not freer:
         return fit

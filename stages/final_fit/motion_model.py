@@ -21,11 +21,11 @@ class MotionModel:
     counted from the motions' own: negative where other motions suit the frames better.
     """
 
-    def __init__(self, equations: NormalEquations, Ts: Float64[np.ndarray, "frames parts 4 4"], noise: float) -> None:
-        # matches run both ways; the cost of a point is a mean over frames, of plane distances in units of their noise
+    def __init__(self, equations: NormalEquations, Ts: Float64[np.ndarray, "frames parts 4 4"], spacing: float) -> None:
+        # matches run both ways; the cost of a point is a mean over frames, of plane distances in units of their spread
         scale = 1.0 / (2 * PLANE_NOISE**2 * (len(Ts) - 1))
         self.hessian, self.gradient = scale * equations.hessian, scale * equations.gradient
-        self.centres, self.Ts, self.noise = equations.centres, Ts, noise
+        self.centres, self.Ts, self.spacing = equations.centres, Ts, spacing
         self.parts = Ts.shape[1]
         self.p_centres = move_points(inverse(Ts), equations.centres)
 
@@ -35,7 +35,7 @@ class MotionModel:
         R = known[..., :3, :3] @ np.swapaxes(self.Ts[..., :3, :3], -1, -2)
         turn = rotation_vectors(R)
         centres = move_points(known, self.p_centres)
-        twist = np.concatenate([turn, (centres - self.centres) / self.noise], axis=-1)
+        twist = np.concatenate([turn, (centres - self.centres) / self.spacing], axis=-1)
         pull = np.einsum("tpij,tpj->tpi", self.hessian, twist)
         cost = float((twist * (pull + 2 * self.gradient)).sum())
         change = np.broadcast_to(np.eye(6), self.hessian.shape).copy()  # d(twist from self.Ts) / d(small twist at Ts)

@@ -30,7 +30,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
         own, below = _slides(fit.chain, part)
         if below is None:
             continue
-        touches, touches_below = (_contacts(fit.labels, frames, part, joint.parent) for joint in (own, below))
+        touches, touches_below = (_touching_points(fit.labels, frames, part, joint.parent) for joint in (own, below))
         if touches_below == 0:
             continue
         hung = refitted(own.kind, below.parent, part, fit.labels, frames, fit.chain.Ts)
@@ -52,9 +52,9 @@ def _slides(chain: Chain, part: int) -> tuple[Joint, Joint | None]:
     return own, below if abs(float(own.axis @ below.axis)) >= PARALLEL else None
 
 
-def _contacts(labels: Int64[np.ndarray, "points"], frames: Frames, part: int, other: int) -> int:
+def _touching_points(labels: Int64[np.ndarray, "points"], frames: Frames, part: int, other: int) -> int:
     """How many points of a part touch another one."""
     p_part, p_other = (frames.p[labels == number] for number in (part, other))
     if len(p_part) == 0 or len(p_other) == 0:
         return 0
-    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.noise).sum())
+    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.spacing).sum())

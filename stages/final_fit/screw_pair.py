@@ -13,7 +13,7 @@ from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.motion.rigid_motion import move_points, rotation_vectors
 
 DIRECTIONS = 6  # first axes that a fit starts from, spread over the plane in which the rotation vectors lie
-AS_GOOD = 1.3, 0.05  # a fit is as good as the best within this factor, or so many noise units
+AS_GOOD = 1.3, 0.05  # a fit is as good as the best within this factor, or so many spacings
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ScrewPair:
     axis: Float64[np.ndarray, "2 3"]
     point: Float64[np.ndarray, "2 3"]
     states: Float64[np.ndarray, "frames 2"]
-    residual: float
+    rms: float
 
 
 def fit_screw_pair(
@@ -31,7 +31,7 @@ def fit_screw_pair(
     p_child: Float64[np.ndarray, "points 3"],
     p_contact: Float64[np.ndarray, "3"],
     canonical_frame: int,
-    noise: float,
+    spacing: float,
     iterations: int = 15,
 ) -> ScrewPair:
     """The two revolute joints in a row that best take the child's points where the motion takes them.
@@ -49,8 +49,8 @@ def fit_screw_pair(
         hessian, gradient = np.zeros((frames, 3, 6, 6)), np.zeros((frames, 3, 6))
         centres = np.zeros((frames, 3, 3))
         centres[:, 2] = p.mean(axis=1)
-        jacobian = twist_jacobian((p - centres[:, 2, None]) / noise)
-        offset = (p - target) / noise
+        jacobian = twist_jacobian((p - centres[:, 2, None]) / spacing)
+        offset = (p - target) / spacing
         hessian[:, 2] = np.einsum("tnia,tnib->tab", jacobian, jacobian)
         gradient[:, 2] = np.einsum("tnia,tni->ta", jacobian, offset)
         return NormalEquations(float((offset**2).sum()), hessian, gradient, centres)
@@ -64,10 +64,10 @@ def fit_screw_pair(
         states -= states[canonical_frame]
         joints = [Joint(REVOLUTE, k, k + 1, axis[k], p_contact, states[:, [k]]) for k in (0, 1)]
         chain = Chain.of(joints, 0, Ts_parent_child, free_root=False)
-        chain = fit_chain(chain, linearise, canonical_frame, noise, iterations)
-        residual = noise * np.sqrt(linearise(chain.Ts).cost / (frames * len(p_child)))
-        fits.append(ScrewPair(chain.tree.axis, chain.tree.point, chain.states, float(residual)))
-    best = min(fit.residual for fit in fits)
+        chain = fit_chain(chain, linearise, canonical_frame, spacing, iterations)
+        rms = spacing * np.sqrt(linearise(chain.Ts).cost / (frames * len(p_child)))
+        fits.append(ScrewPair(chain.tree.axis, chain.tree.point, chain.states, float(rms)))
+    best = min(fit.rms for fit in fits)
     factor, slack = AS_GOOD
-    good = [fit for fit in fits if fit.residual <= max(factor * best, best + slack * noise)]
+    good = [fit for fit in fits if fit.rms <= max(factor * best, best + slack * spacing)]
     return min(good, key=lambda fit: float(np.ptp(fit.states, axis=0).sum()))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.config import FinalFitConfig, ProjectionConfig
+from schemas.config import FinalFitConfig
 from schemas.flow import Flow
+from schemas.joints import PRISMATIC, REVOLUTE, JointKind
 from schemas.kinematic import KinematicModel
 from schemas.relaxed import RECONSTRUCTION_ENERGIES
 from schemas.sequence import PointSequence
@@ -25,23 +26,22 @@ STEPS = 4
 SETTLED = 0.003  # share of labels that change in a round, below which a fit has settled
 
 
-def fit_final(
+def compute_final_fit(
     model: KinematicModel,
     sequence: PointSequence,
     flow: Flow,
     config: FinalFitConfig,
-    projection: ProjectionConfig,
     rng: np.random.Generator,
     progress: Progress = silent,
+    kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC),
 ) -> KinematicModel:
     """Joints made exact and fitted to the frames; labels, links and joints improved in turn.
 
     Links that the motion needs are inserted, points relabelled by the joints' motions, parts that the frames do not
     need joined with their neighbours, and slides on slides hung on what they touch. The answer's motions are exactly
-    those of forward kinematics, and each joint's other coordinate is exactly zero. Deterministic; `rng` is not drawn
-    from.
+    those of forward kinematics. Joints are of the given kinds. Deterministic; `rng` is not drawn from.
     """
-    frames = working_frames(sequence, model.canonical_frame, config.points, config.reach, projection.kinds)
+    frames = working_frames(sequence, model.canonical_frame, config.points, config.reach, kinds)
     part_price, link_price, freedom_price = (
         frames.price(price) for price in (config.part_price, config.link_price, config.freedom_price)
     )

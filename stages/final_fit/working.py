@@ -60,8 +60,8 @@ class Frames:
         return self.registration.p
 
     @property
-    def noise(self) -> float:
-        return self.registration.noise
+    def spacing(self) -> float:
+        return self.registration.spacing
 
     def price(self, price: float) -> float:
         """A price of a part or link, which is meant for many frames, as it is for these."""
@@ -70,7 +70,7 @@ class Frames:
     def refine(self, fit: Fit, iterations: int) -> Fit:
         """Joints and states fitted to all frames, labels as they are."""
         linearise = lambda Ts: self.registration.linearise(fit.labels, Ts, self.reach)  # noqa: E731
-        return Fit(fit_chain(fit.chain, linearise, self.canonical_frame, self.noise, iterations), fit.labels)
+        return Fit(fit_chain(fit.chain, linearise, self.canonical_frame, self.spacing, iterations), fit.labels)
 
     def point_costs(
         self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"]
@@ -114,7 +114,7 @@ def to_chain(model: KinematicModel, frames: Frames, still_root: float) -> Chain:
     fits = fit_joint(frames.plain_kinds, motions, samples[child]).since(model.canonical_frame)
     joints = [Joint.of(fits, int(parent[j]), int(child[j]), (j,)) for j in range(len(order))]
     T_frame_root = model.Ts_frame_canonical[:, model.root]
-    free_root = _travel(T_frame_root, frames.p_all[model.labels == model.root]) > still_root * frames.noise
+    free_root = _travel(T_frame_root, frames.p_all[model.labels == model.root]) > still_root * frames.spacing
     return Chain.of(joints, model.root, T_frame_root, free_root)
 
 
@@ -128,7 +128,7 @@ def relative_motions(
     return inverse(T[parent]) @ T[child]
 
 
-def contact_of(
+def contact_place(
     p_parent: Float64[np.ndarray, "points 3"], p_child: Float64[np.ndarray, "others 3"]
 ) -> Float64[np.ndarray, "3"]:
     """The middle between the two nearest points of two parts."""

@@ -21,7 +21,7 @@ from stages.kernels.points.sampling import farthest_points
 
 SURFACE_NEIGHBOURS = 8
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
-EDGE_REACH = 3.0  # robust reach of the stiffness, in noise units: neighbours that differ by more may be at a joint
+EDGE_REACH = 3.0  # robust reach of the stiffness, in spacing units: neighbours that differ by more may be at a joint
 SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of the conjugate gradients in a Gauss-Newton step
 
 
@@ -83,7 +83,7 @@ def _moved_by_anchors(
 class Alignment:
     """Gauss-Newton alignment of a source cloud's deformation graph to a target cloud.
 
-    Internal lengths are in units of `noise`, the clouds' spacing, so that stiffness and robustness do not depend on
+    Internal lengths are in units of `spacing`, the clouds' spacing, so that stiffness and robustness do not depend on
     the sampling density.
     """
 
@@ -93,11 +93,11 @@ class Alignment:
         source: Float64[np.ndarray, "points 3"],
         target: Float64[np.ndarray, "targets 3"],
         target_normals: Float64[np.ndarray, "targets 3"],
-        noise: float,
+        spacing: float,
     ) -> None:
         self.graph, self.source, self.target = graph, source, target
         self.target_tree = KDTree(target)
-        self.noise = noise
+        self.spacing = spacing
         # n n^T + POINT_TO_POINT I: the information that a match gives about a point's position
         self.target_information = np.einsum("ni,nj->nij", target_normals, target_normals)
         self.target_information += POINT_TO_POINT * np.eye(3)
@@ -108,17 +108,17 @@ class Alignment:
     def matches(
         self, warped: Float64[np.ndarray, "points 3"]
     ) -> tuple[Int64[np.ndarray, "matches"], Int64[np.ndarray, "matches"], Float64[np.ndarray, "matches"]]:
-        """Nearest-neighbour pairs (source, target, distance / noise) in both directions."""
+        """Nearest-neighbour pairs (source, target, distance / spacing) in both directions."""
         forward_distance, forward = nearest(self.target_tree, warped)
         backward_distance, backward = nearest(KDTree(warped), self.target)
         source = np.concatenate([np.arange(len(warped)), backward])
         target = np.concatenate([forward, np.arange(len(self.target))])
-        return source, target, np.concatenate([forward_distance, backward_distance]) / self.noise
+        return source, target, np.concatenate([forward_distance, backward_distance]) / self.spacing
 
     def step(
         self, Ts: Float64[np.ndarray, "nodes 4 4"], stiffness: float, reach: float
     ) -> Float64[np.ndarray, "nodes 4 4"]:
-        """Take one Gauss-Newton step. Matches much farther apart than `reach` (in noise units) hardly count."""
+        """Take one Gauss-Newton step. Matches much farther apart than `reach` (in spacing units) hardly count."""
         graph, nodes = self.graph, len(self.graph.p_nodes)
         centres = move_points(Ts, graph.p_nodes)
         moved = _moved_by_anchors(graph, Ts, self.source)
@@ -127,14 +127,14 @@ class Alignment:
         source, target, distance = self.matches(warped)
         robust = (1.0 / (1.0 + (distance / reach) ** 2)) ** 2
         information = robust[:, None, None] * self.target_information[target]
-        offsets = (warped[source] - self.target[target]) / self.noise
+        offsets = (warped[source] - self.target[target]) / self.spacing
         pull = np.einsum("mij,mj->mi", information, offsets)
         information = sum_groups(information.reshape(-1, 9), source, len(warped)).reshape(-1, 3, 3)
         pull = sum_groups(pull, source, len(warped))
 
         # d(point)/d(twist of anchor k about its own centre) = w_k [-skew(p_k - c_k), I]
         arms = moved - centres[graph.anchors]
-        jacobian = graph.weights[:, :, None, None] * twist_jacobian(arms / self.noise)
+        jacobian = graph.weights[:, :, None, None] * twist_jacobian(arms / self.spacing)
         jacobian = jacobian.transpose(0, 2, 1, 3).reshape(len(warped), 3, -1)
         blocks = self._point_sums @ pair_blocks(jacobian, np.matmul(information, jacobian))
         gradient = _sum_twists(graph.anchors, np.matmul(pull[:, None], jacobian), nodes)
@@ -142,8 +142,8 @@ class Alignment:
         # stiffness: a node's transform of its neighbour's centre, minus the neighbour's own
         k, neighbour = graph.edges.T
         predicted = move_points(Ts[k], graph.p_nodes[neighbour])
-        gap = (predicted - centres[neighbour]) / self.noise
-        jacobian_k = twist_jacobian((predicted - centres[k]) / self.noise)
+        gap = (predicted - centres[neighbour]) / self.spacing
+        jacobian_k = twist_jacobian((predicted - centres[k]) / self.spacing)
         jacobian_neighbour = np.broadcast_to(-twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
         edge_jacobian = np.concatenate([jacobian_k, jacobian_neighbour], axis=2)
         edge_weight = stiffness / (1.0 + (gap**2).sum(-1) / EDGE_REACH**2) ** 2
@@ -152,10 +152,10 @@ class Alignment:
         gradient += _sum_twists(graph.edges, np.matmul(gap[:, None], weighted), nodes)
 
         twists = -self._pattern.solve(blocks.reshape(-1, 6, 6), gradient)
-        return turn_about(centres, twists, self.noise) @ Ts
+        return turn_about(centres, twists, self.spacing) @ Ts
 
     def cost(self, Ts: Float64[np.ndarray, "nodes 4 4"], reach: float) -> float:
-        """Mean robust squared distance in both directions, in squared noise units."""
+        """Mean robust squared distance in both directions, in squared spacings."""
         distance = self.matches(deform(self.graph, Ts, self.source))[2]
         return float(np.mean(distance**2 / (1.0 + (distance / reach) ** 2)))
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.config import FlowConfig
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.open3d_library import load_open3d
 from stages.support.open3d_use import needing_open3d
 
@@ -26,7 +26,7 @@ def fpfh(points: Float64[np.ndarray, "points 3"], config: FlowConfig) -> Float64
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS))
     cloud.orient_normals_towards_camera_location(points.mean(axis=0))
-    search = o3d.geometry.KDTreeSearchParamHybrid(radius=RADIUS * spacing(points), max_nn=MOST_NEIGHBOURS)
+    search = o3d.geometry.KDTreeSearchParamHybrid(radius=RADIUS * point_spacing(points), max_nn=MOST_NEIGHBOURS)
     features = np.asarray(o3d.pipelines.registration.compute_fpfh_feature(cloud, search).data).T
     features = np.sqrt(np.maximum(features, 0.0))
     return SHARPNESS**0.5 * features / (np.linalg.norm(features, axis=1, keepdims=True) + 1e-12)

@@ -18,7 +18,7 @@ from stages.flow.deformation_graph import Alignment, DeformationGraph, build_gra
 from stages.flow.pair import PairFlow, mutual_matches
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import farthest_points, normals, spacing, working_points
+from stages.kernels.points.sampling import farthest_points, normals, point_spacing, working_points
 from stages.support.progress import Progress
 
 REACH_COARSE, REACH_FINE = 10.0, 2.0  # robust reach at the first and last stiffness, in spacings
@@ -81,21 +81,21 @@ class FramePair:
         """Thin two frames and spread the nodes over them."""
         working = source[working_points(source, config.points)]
         working_target = target[working_points(target, config.points)]
-        noise = spacing(working_target)
-        fine = _alignment(working, working_target, config.nodes, config.neighbours, noise)
+        spacing = point_spacing(working_target)
+        fine = _alignment(working, working_target, config.nodes, config.neighbours, spacing)
         coarse = _alignment(
             working[farthest_points(working, config.coarse_points)],
             working_target[farthest_points(working_target, config.coarse_points)],
             min(config.coarse_nodes, config.nodes),
             config.neighbours,
-            noise,
+            spacing,
         )
         return cls(source, target, coarse, fine)
 
     def flow(self, Ts: Float64[np.ndarray, "nodes 4 4"], max_distance: float) -> PairFlow:
         """The flow of all points by the motions of the fine nodes."""
         warped = _warp_all(self.fine.graph, Ts, self.fine.source, self.source)
-        return mutual_matches(self.source, warped, self.target, spacing(self.target), max_distance)
+        return mutual_matches(self.source, warped, self.target, point_spacing(self.target), max_distance)
 
 
 def align(pair: FramePair, config: GeometricFlowConfig, previous: NodeMotion | None) -> NodeMotion:
@@ -109,9 +109,9 @@ def _alignment(
     target: Float64[np.ndarray, "targets 3"],
     nodes: int,
     neighbours: int,
-    noise: float,
+    spacing: float,
 ) -> Alignment:
-    return Alignment(build_graph(source, nodes, neighbours), source, target, normals(target), noise)
+    return Alignment(build_graph(source, nodes, neighbours), source, target, normals(target), spacing)
 
 
 def _coarse_to_fine(

@@ -67,7 +67,7 @@ def better_motion(
     fine, graph = pair.fine, pair.fine.graph
     nodes = Nodes(graph.p_nodes, graph.edges[graph.edges[:, 0] < graph.edges[:, 1]], graph.anchors[:, 0].copy())
     surfaces = Surface.of(fine.source), Surface.of(fine.target)
-    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, fine.noise, rng)
+    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, fine.spacing, rng)
     # only the last, softest level, since stiffer ones distort joints that bend far
     found = follow(fine, start, config, slice(-1, None))
     return min((Ts, found), key=lambda motion: fine.cost(motion, REACH_FINE))

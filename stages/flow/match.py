@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 from schemas.config import FlowConfig
 from stages.flow.pair import PairFlow
 from stages.kernels.points.nearest import KDTree
-from stages.kernels.points.sampling import spacing, working_points
+from stages.kernels.points.sampling import point_spacing, working_points
 from stages.support.progress import Progress
 
 Describe = Callable[[Float64[np.ndarray, "points 3"], FlowConfig], Float[np.ndarray, "points features"]]
@@ -39,7 +39,7 @@ class Described:
     def same_place(self) -> float:
         """The distance up to which points count as the same place."""
         diagonals, spacings = SAME_PLACE
-        return max(diagonals, spacings * spacing(self.p)) if len(self.p) > 1 else diagonals
+        return max(diagonals, spacings * point_spacing(self.p)) if len(self.p) > 1 else diagonals
 
 
 @dataclass(frozen=True)

@@ -24,22 +24,22 @@ def mutual_matches(
     source: Float64[np.ndarray, "points 3"],
     warped: Float64[np.ndarray, "points 3"],
     target: Float64[np.ndarray, "targets 3"],
-    noise: float,
+    spacing: float,
     max_distance: float,
 ) -> PairFlow:
     """Match source and target points that are mutual nearest neighbours once the source is warped onto the target.
 
-    Pairs farther apart than `max_distance`, in units of `noise` (the target's spacing), are dropped. The confidence
+    Pairs farther apart than `max_distance`, in units of `spacing` (the target's spacing), are dropped. The confidence
     falls with the distance as a Gaussian of one spacing. The flow is the displacement by the warp, which is free of the
     matched points' sampling noise.
     """
     distance, forward = nearest(KDTree(target), warped)
     backward = nearest(KDTree(warped), target)[1]
     index = np.arange(len(warped))
-    kept = np.flatnonzero((backward[forward] == index) & (distance <= max_distance * noise))
+    kept = np.flatnonzero((backward[forward] == index) & (distance <= max_distance * spacing))
     return PairFlow(
         source_index=kept,
         target_index=forward[kept],
         flow=warped[kept] - source[kept],
-        confidence=np.exp(-0.5 * (distance[kept] / noise) ** 2),
+        confidence=np.exp(-0.5 * (distance[kept] / spacing) ** 2),
     )

@@ -68,24 +68,24 @@ def piecewise_rigid(
     target: Surface,
     p_from: Float64[np.ndarray, "matches 3"],
     p_to: Float64[np.ndarray, "matches 3"],
-    noise: float,
+    spacing: float,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, "nodes 4 4"]:
     """The motion of each node from the source to the target cloud: the identity, or one that matches suggest.
 
-    Matches link points `p_from` near the source to `p_to` near the target. `noise` is the clouds' spacing.
+    Matches link points `p_from` near the source to `p_to` near the target. `spacing` is the clouds' spacing.
     """
     seeds = source.p[farthest_points(source.p, SEEDS)]
-    suggested, seed = suggested_motions(seeds, p_from, p_to, noise, rng)
-    Ts = np.concatenate([np.eye(4)[None], _distinct(suggested, seed, seeds, source, target, noise)])
+    suggested, seed = suggested_motions(seeds, p_from, p_to, spacing, rng)
+    Ts = np.concatenate([np.eye(4)[None], _distinct(suggested, seed, seeds, source, target, spacing)])
     labels = np.zeros(len(nodes.p), dtype=np.int64)
     for _ in range(ROUNDS):
-        costs = _surface_costs(nodes, source, target, Ts, noise)
-        costs += MATCH_WEIGHT * _match_costs(nodes, p_from, p_to, Ts, noise)
-        labels = _label(costs, move_points(Ts[:, None], nodes.p[nodes.edges].mean(axis=1)) / noise, nodes.edges)
+        costs = _surface_costs(nodes, source, target, Ts, spacing)
+        costs += MATCH_WEIGHT * _match_costs(nodes, p_from, p_to, Ts, spacing)
+        labels = _label(costs, move_points(Ts[:, None], nodes.p[nodes.edges].mean(axis=1)) / spacing, nodes.edges)
         used, labels = np.unique(labels, return_inverse=True)
         own = labels[nodes.of_point]
-        refined = _registered(Ts[used], [source.p[own == k] for k in range(len(used))], target, noise)
+        refined = _registered(Ts[used], [source.p[own == k] for k in range(len(used))], target, spacing)
         unused = np.setdiff1d(np.arange(len(Ts)), used)
         Ts = np.concatenate([refined, Ts[unused]])
     return Ts[labels]
@@ -95,7 +95,7 @@ def suggested_motions(
     seeds: Float64[np.ndarray, "seeds 3"],
     p_from: Float64[np.ndarray, "matches 3"],
     p_to: Float64[np.ndarray, "matches 3"],
-    noise: float,
+    spacing: float,
     rng: np.random.Generator,
 ) -> tuple[Float64[np.ndarray, "motions 4 4"], Int64[np.ndarray, "motions"]]:
     """Suggest motions that explain many matches around a seed, from triples that keep their distances.
@@ -111,12 +111,12 @@ def suggested_motions(
     row = np.arange(len(seeds))[:, None, None]
     corners, images = a[row, triple], b[row, triple]
     sides, image_sides = _sides(corners), _sides(images)
-    rigid = (np.abs(sides - image_sides) < LENGTH_CHANGE * noise) & (sides > LEAST_SIDE * noise)
+    rigid = (np.abs(sides - image_sides) < LENGTH_CHANGE * spacing) & (sides > LEAST_SIDE * spacing)
     chosen = np.argsort(~rigid.all(axis=-1), axis=1, kind="stable")[:, :SCREENED]
     valid = np.take_along_axis(rigid.all(axis=-1), chosen, axis=1)
     Ts = _kabsch(corners[row[..., 0], chosen], images[row[..., 0], chosen])
     moved = move_points(Ts[:, :, None], a[:, None])
-    off = np.linalg.norm(moved - b[:, None], axis=-1) / noise
+    off = np.linalg.norm(moved - b[:, None], axis=-1) / spacing
     score = np.where(valid, (1 - np.minimum(off / MATCH_REACH, 1)).sum(axis=-1), -1.0)
     kept_motions, kept_seeds = [], []
     for _ in range(KEPT):
@@ -125,7 +125,7 @@ def suggested_motions(
         kept_motions.append(Ts[found, best[found]])
         kept_seeds.append(found)
         gap = np.linalg.norm(moved - moved[np.arange(len(seeds)), best][:, None], axis=-1).mean(axis=-1)
-        score[gap < DISTINCT * noise] = -1.0
+        score[gap < DISTINCT * spacing] = -1.0
     return np.concatenate(kept_motions), np.concatenate(kept_seeds)
 
 
@@ -151,20 +151,20 @@ def _distinct(
     seeds: Float64[np.ndarray, "seeds 3"],
     source: Surface,
     target: Surface,
-    noise: float,
+    spacing: float,
 ) -> Float64[np.ndarray, "distinct 4 4"]:
     """Register motions on the surface around their seeds. Return distinct ones, the best fit first."""
     if len(Ts) == 0:
         return Ts
     count = min(PATCH_POINTS, len(source.p))
     patches = source.p[source.tree.query(np.ascontiguousarray(seeds), k=count)[1].astype(np.int64)][seed]
-    Ts = _registered(Ts, list(patches), target, noise)
+    Ts = _registered(Ts, list(patches), target, spacing)
     moved = move_points(Ts[:, None], patches)
-    distance = nearest(target.tree, moved.reshape(-1, 3))[0].reshape(len(Ts), count) / noise
+    distance = nearest(target.tree, moved.reshape(-1, 3))[0].reshape(len(Ts), count) / spacing
     kept: list[int] = []
     for k in np.argsort(np.minimum(distance / SURFACE_REACH, 1).mean(axis=1), kind="stable").tolist():
         gap = np.linalg.norm(move_points(Ts[kept][:, None], patches[k]) - moved[k], axis=-1).mean(axis=-1)
-        if (gap > DISTINCT * noise).all():
+        if (gap > DISTINCT * spacing).all():
             kept.append(k)
         if len(kept) == MOST_MOTIONS:
             break
@@ -172,7 +172,10 @@ def _distinct(
 
 
 def _registered(
-    Ts: Float64[np.ndarray, "motions 4 4"], pieces: list[Float64[np.ndarray, "points 3"]], target: Surface, noise: float
+    Ts: Float64[np.ndarray, "motions 4 4"],
+    pieces: list[Float64[np.ndarray, "points 3"]],
+    target: Surface,
+    spacing: float,
 ) -> Float64[np.ndarray, "motions 4 4"]:
     """Improve each motion by robust Gauss-Newton registration of its piece to the target."""
     groups = len(pieces)
@@ -182,27 +185,27 @@ def _registered(
         p, p_centres = move_points(Ts[piece], points), move_points(Ts, centres)
         distance, match = nearest(target.tree, p)
         hessian, gradient = normal_equations(
-            (p - p_centres[piece]) / noise,
+            (p - p_centres[piece]) / spacing,
             piece,
             groups,
             target.normals[match],
-            (p - target.p[match]) / noise,
-            robust_weight(distance / noise, SURFACE_REACH),
+            (p - target.p[match]) / spacing,
+            robust_weight(distance / spacing, SURFACE_REACH),
         )
         hessian += np.eye(6) * (1.0 + 1e-4 * np.trace(hessian, axis1=1, axis2=2))[:, None, None]
-        Ts = turn_about(p_centres, -np.linalg.solve(hessian, gradient[..., None])[..., 0], noise) @ Ts
+        Ts = turn_about(p_centres, -np.linalg.solve(hessian, gradient[..., None])[..., 0], spacing) @ Ts
     return Ts
 
 
 def _surface_costs(
-    nodes: Nodes, source: Surface, target: Surface, Ts: Float64[np.ndarray, "motions 4 4"], noise: float
+    nodes: Nodes, source: Surface, target: Surface, Ts: Float64[np.ndarray, "motions 4 4"], spacing: float
 ) -> Float64[np.ndarray, "nodes motions"]:
     """The cost, in [0, 1], of each node's points under each motion: their distance to the target and their normals."""
     moved = move_points(Ts[:, None], source.p)
     distance, match = nearest(target.tree, moved.reshape(-1, 3))
     turned = source.normals @ np.swapaxes(Ts[:, :3, :3], -1, -2)
     aligned = np.abs((turned.reshape(-1, 3) * target.normals[match]).sum(axis=-1))
-    off = np.minimum(distance / noise / SURFACE_REACH, 1)
+    off = np.minimum(distance / spacing / SURFACE_REACH, 1)
     cost = (off + (1 - off) * 0.5 * (1 - aligned)).reshape(len(Ts), len(source.p))
     return group_means(cost.T, nodes.of_point, len(nodes.p))
 
@@ -212,10 +215,10 @@ def _match_costs(
     p_from: Float64[np.ndarray, "matches 3"],
     p_to: Float64[np.ndarray, "matches 3"],
     Ts: Float64[np.ndarray, "motions 4 4"],
-    noise: float,
+    spacing: float,
 ) -> Float64[np.ndarray, "nodes motions"]:
     """The share of each node's matches that each motion leaves unexplained, softly counted; 0 without matches."""
-    off = np.linalg.norm(move_points(Ts[:, None], p_from) - p_to, axis=-1) / noise
+    off = np.linalg.norm(move_points(Ts[:, None], p_from) - p_to, axis=-1) / spacing
     node = nearest(KDTree(nodes.p), p_from)[1]
     return group_means(np.minimum(off / MATCH_REACH, 1).T, node, len(nodes.p))
 

@@ -45,7 +45,7 @@ ESTIMATORS: dict[str, Estimator] = {
 }
 
 
-def estimate_flow(
+def compute_flow(
     sequence: PointSequence, config: FlowConfig, rng: np.random.Generator, progress: Progress = silent
 ) -> Flow:
     """Estimate the flow of every consecutive pair of frames by the configured estimator.

@@ -10,7 +10,7 @@ from stages.ingest.sources import Source
 from stages.support.progress import Progress, silent
 
 
-def ingest(
+def compute_ingest(
     source: Source, config: IngestConfig, rng: np.random.Generator, progress: Progress = silent
 ) -> IngestedSequence:
     """Load the sequence of a source, in the normalised frame. Raises InputError if it cannot be used."""

@@ -8,17 +8,17 @@ from jaxtyping import Float64, Int64
 from schemas.config import MergingConfig, ProjectionConfig
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_residual
+from stages.kernels.motion.rigid_clustering import Moments, moments, rigid_motion, rigid_square_sum
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import neighbours
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 from stages.projection.stage import link_parts, spatial_energies
 
 SURFACE_NEIGHBOURS = 8
-CONTACT = 5  # parts touch where at least so many pairs of neighbouring points cross from one to the other
+TOUCHING_PAIRS = 5  # pairs of neighbouring points that two parts share, from which on they touch
 
 
-def merge(
+def compute_merging(
     model: KinematicModel, sequence: PointSequence, config: MergingConfig, projection: ProjectionConfig
 ) -> KinematicModel:
     """Merge parts that are linked or touch, nearest in space first, until every E_merge >= the threshold; none at zero.
@@ -36,7 +36,7 @@ def merge(
     pairs = np.concatenate([links, touching_parts(p_canonical, model.labels)])
     apart = spatial_energies(p_canonical, model.labels, 0.0)
     nearest_first = pairs[np.argsort(apart[pairs[:, 0], pairs[:, 1]], kind="stable")]
-    groups = merge_alike(parts, nearest_first, config.threshold * spacing(p_canonical))
+    groups = merge_alike(parts, nearest_first, config.threshold * point_spacing(p_canonical))
     labels = groups[model.labels]
     merged = moments(p_canonical, trajectories, labels, groups.max() + 1)
     Ts = np.ascontiguousarray(rigid_motion(merged).transpose(1, 0, 2, 3))
@@ -55,7 +55,7 @@ def touching_parts(
     near = labels[neighbours(p, SURFACE_NEIGHBOURS)[1]]
     crossings = np.stack([np.minimum(labels[:, None], near), np.maximum(labels[:, None], near)], axis=-1)
     pairs, counts = np.unique(crossings.reshape(-1, 2), axis=0, return_counts=True)
-    return pairs[(pairs[:, 0] != pairs[:, 1]) & (counts >= CONTACT)]
+    return pairs[(pairs[:, 0] != pairs[:, 1]) & (counts >= TOUCHING_PAIRS)]
 
 
 def merge_energy(a: Moments, b: Moments) -> float:
@@ -66,7 +66,7 @@ def merge_energy(a: Moments, b: Moments) -> float:
     """
     frames = a.y.shape[0]
     smaller = min(float(a.count), float(b.count))
-    return float(np.sqrt(rigid_residual(a + b) / (frames * smaller)))
+    return float(np.sqrt(rigid_square_sum(a + b) / (frames * smaller)))
 
 
 def merge_alike(parts: Moments, pairs: Int64[np.ndarray, "pairs 2"], threshold: float) -> Int64[np.ndarray, "parts"]:

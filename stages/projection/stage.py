@@ -17,10 +17,10 @@ from schemas.sequence import PointSequence
 from stages.kernels.kinematics.closed_form import JointFit, fit_joint
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import farthest_points, spacing
+from stages.kernels.points.sampling import farthest_points, point_spacing
 
 
-def project(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
+def compute_projection(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
     """The tree that minimises l_spatial E_spatial + l_1DOF E_1DOF, with a screw for each link (Eq. 11)."""
     p_canonical = sequence.frames()[relaxed.canonical_frame]
     return link_parts(p_canonical, relaxed.labels, relaxed.Ts_frame_canonical, relaxed.canonical_frame, config)
@@ -35,16 +35,20 @@ def link_parts(
 ) -> KinematicModel:
     """Link labelled parts with known motions."""
     samples = part_samples(p_canonical, labels, config.samples_per_part)
-    noise = spacing(p_canonical)
-    spatial = spatial_energies(p_canonical, labels, config.contact * noise)
+    spacing = point_spacing(p_canonical)
+    spatial = spatial_energies(p_canonical, labels, config.contact * spacing)
     fits = relative_joints(SCREW, samples, Ts_frame_canonical)
     rotating = [kind for kind in config.kinds if kind.is_ball]
     left = relative_joints(rotating[0], samples, Ts_frame_canonical).mean_square if rotating else fits.mean_square
     # the pair's energy must not depend on which of the two is called the child
     one_dof = 0.5 * (left + left.T)
-    root = base_part(samples, Ts_frame_canonical, np.bincount(labels), config.still * noise)
-    cost = config.lambda_spatial * spatial + config.lambda_1dof * one_dof
-    links = spanning_tree(cost, root)
+    tree = spanning_tree(config.lambda_spatial * spatial + config.lambda_1dof * one_dof)
+    sizes = np.bincount(labels)
+    if config.root == "middle":
+        root = middle_part(tree, sizes)
+    else:
+        root = base_part(samples, Ts_frame_canonical, sizes, config.still * spacing)
+    links = directed(tree, root)
     parent, child = links[:, 0], links[:, 1]
     states = np.concatenate(
         [np.zeros((len(Ts_frame_canonical), 0)), *(fits.states_of((a, b)) for a, b in links.tolist())], axis=1
@@ -127,12 +131,22 @@ def base_part(
     return int(travel.argmin() if travel.min() <= still else sizes.argmax())
 
 
-def spanning_tree(cost: Float64[np.ndarray, "parts parts"], root: int) -> Int64[np.ndarray, "joints 2"]:
-    """(parent, child) of each link of the minimum spanning tree, parents before their children."""
+def middle_part(tree: nx.Graph, sizes: Int64[np.ndarray, "parts"]) -> int:
+    """The part from which all points are the fewest links away: a person's trunk, whichever foot stands still."""
+    links_away = nx.floyd_warshall_numpy(tree, nodelist=range(len(sizes)), weight="links")
+    return int((links_away @ sizes).argmin())
+
+
+def spanning_tree(cost: Float64[np.ndarray, "parts parts"]) -> nx.Graph:
+    """The minimum spanning tree of all parts."""
     graph = nx.Graph()
     graph.add_nodes_from(range(len(cost)))
     graph.add_weighted_edges_from((a, b, float(cost[a, b])) for a in range(len(cost)) for b in range(a + 1, len(cost)))
-    tree = cast(nx.Graph, nx.minimum_spanning_tree(graph))
+    return cast(nx.Graph, nx.minimum_spanning_tree(graph))
+
+
+def directed(tree: nx.Graph, root: int) -> Int64[np.ndarray, "joints 2"]:
+    """(parent, child) of each link of a tree, parents before their children."""
     links = list(nx.bfs_edges(tree, root, sort_neighbors=sorted))
     return np.array(links, dtype=np.int64).reshape(-1, 2)
 

@@ -21,7 +21,7 @@ from stages.rearticulation.solver import rearticulate
 
 FARTHEST = 0.05  # of a source point from the canonical points, as a share of the diagonal
 OUT_OF_REACH = 100.0  # of a target from its source point, in diagonals: it is in other units, or of another place
-UNTOLD = 0.05  # share of a coordinate's change that targets do not tell, from which on its joint is undetermined
+UNDETERMINED = 0.05  # share of a coordinate's change that targets leave open, from which on its joint is undetermined
 MOST_LISTED = 12  # joints in a message
 ROUNDING = 1e-9  # by which a state may be beyond a limit
 
@@ -90,7 +90,7 @@ def pose_by_targets(
     Ts = space.motions_to_input(found.Ts_pose_canonical)
     own = [mechanism.tree.coordinates_of(joint) for joint in range(len(model.joints) + free_base)]
     coordinates = found.coordinates * mechanism.tree.units(space.scale)
-    untold = [bool((found.untold[mine] > UNTOLD).any()) for mine in own]
+    undetermined = [bool((found.undetermined[mine] > UNDETERMINED).any()) for mine in own]
     bounded = [bool(found.bounded[mine].any()) for mine in own]
     names = [joint.name for joint in model.joints]
     residuals = np.linalg.norm(move_points(Ts[parts], p_source) - p_target, axis=1)
@@ -102,8 +102,8 @@ def pose_by_targets(
             for joint, mine in zip(model.joints, own, strict=False)
         },
         T_pose_root=_transform(Ts[model.root]),
-        undetermined=tuple(name for name, is_so in zip(names, untold, strict=False) if is_so),
-        base_undetermined=free_base and untold[-1],
+        undetermined=tuple(name for name, is_so in zip(names, undetermined, strict=False) if is_so),
+        base_undetermined=free_base and undetermined[-1],
         at_limit=tuple(name for name, is_so in zip(names, bounded, strict=False) if is_so),
         targets=TargetFit(
             rms=float(np.sqrt((residuals**2).mean())),

@@ -15,9 +15,9 @@ reach the targets, the one nearest to its start wins."""
 
 LEAST_NOISE, MOST_NOISE = 1e-4, 5e-3
 """What a target is known to, as a share of the diagonal, as far as the fit does not tell. Changes of a radian, or of a
-diagonal, that move the targets less tell nothing: they are held to the start."""
+diagonal, that move the targets less are undetermined: they are held to the start."""
 
-PRESSURE = 1e-9  # least fall of the squared distances with a coordinate that is told from rounding
+PRESSURE = 1e-9  # least fall of the squared distances with a coordinate that is more than rounding
 MOST_FRAMES = 12  # observed frames to start from: those nearest to the targets
 
 
@@ -25,13 +25,13 @@ MOST_FRAMES = 12  # observed frames to start from: those nearest to the targets
 class Rearticulation:
     """A pose that was found: coordinates as in the mechanism, and where each part's canonical points lie then.
 
-    `untold` says which share of each coordinate's change the targets do not tell: 0 to 1, where it is as in the start.
-    The targets press `bounded` coordinates against their limits.
+    `undetermined` is the share of each coordinate's change that the targets do not determine, from 0 to 1; a coordinate
+    with 1 is as in the start. The targets press `bounded` coordinates against their limits.
     """
 
     coordinates: Float64[np.ndarray, "coordinates"]
     Ts_pose_canonical: Float64[np.ndarray, "parts 4 4"]
-    untold: Float64[np.ndarray, "coordinates"]
+    undetermined: Float64[np.ndarray, "coordinates"]
     bounded: Bool[np.ndarray, "coordinates"]
 
 

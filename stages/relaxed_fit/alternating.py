@@ -122,9 +122,9 @@ def solve_alternating(
 def refine(parts: Parts, problem: Problem, iterations: int, reach: float) -> Parts:
     """All parts' motions registered anew."""
     edges = problem.graph.edges
-    contacts = edges[parts.labels[edges[:, 0]] != parts.labels[edges[:, 1]]]
+    touching = edges[parts.labels[edges[:, 0]] != parts.labels[edges[:, 1]]]
     attachment = problem.config.attachment
-    Ts = problem.registration.refine_parts(parts.labels, parts.Ts, contacts, iterations, reach, attachment)
+    Ts = problem.registration.refine_parts(parts.labels, parts.Ts, touching, iterations, reach, attachment)
     return replace(parts, Ts=Ts)
 
 
@@ -217,14 +217,14 @@ def split(parts: Parts, problem: Problem) -> Parts:
     """New parts founded on patches of the surface that fit better with a motion of their own."""
     registration, config = problem.registration, problem.config
     seeds = farthest_points(registration.p, config.patches)
-    along = problem.graph.distances(seeds, config.patch_points * registration.noise)
+    along = problem.graph.distances(seeds, config.patch_points * registration.spacing)
     nearest_first = np.argsort(along, axis=1, kind="stable")[:, : config.patch_points]
     reached = np.isfinite(np.take_along_axis(along, nearest_first, axis=1))
     index, patch = nearest_first[reached], np.nonzero(reached)[0]
     Ts = registration.refine_groups(index, patch, parts.Ts[:, parts.labels[seeds]], config.patch_iterations, REACH)
     saved = problem.point_costs(parts)[index] - registration.cost(index, patch, Ts, config.truncation)
     savings = np.bincount(patch, saved, minlength=len(seeds))
-    around = 4.0 * np.sqrt(config.patch_points) * registration.noise
+    around = 4.0 * np.sqrt(config.patch_points) * registration.spacing
     for seed in np.argsort(-savings, kind="stable"):
         if savings[seed] < 0.3 * config.part_price:
             break

@@ -20,7 +20,7 @@ from schemas.flow import Flow
 from schemas.sequence import PointSequence
 from stages.flow.trajectories import interpolate
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import farthest_points, spacing, working_points
+from stages.kernels.points.sampling import farthest_points, point_spacing, working_points
 
 Array = Any  # a numpy array, or a torch tensor where gradients are wanted
 
@@ -62,7 +62,7 @@ class ReconstructionEnergy:
         emd_count = max(1, min(len(self.p_canonical), *map(len, self._targets)) // config.emd_downsampling)
         self._emd_points = farthest_points(self.p_canonical, emd_count)
         self._emd_targets = [target[farthest_points(target, emd_count)] for target in self._targets]
-        self._flow_reach = FLOW_REACH * spacing(self.p_canonical)
+        self._flow_reach = FLOW_REACH * point_spacing(self.p_canonical)
         self._flow_samples = {
             t: (KDTree(frames[t][source]), np.column_stack([motion, confidence]))
             for t, (source, _, motion, confidence) in enumerate(flow.pairs())

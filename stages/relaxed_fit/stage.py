@@ -23,7 +23,7 @@ Solver = Callable[[PointSequence, Flow, int, RelaxedFitConfig, np.random.Generat
 SOLVERS: dict[str, Solver] = {"gumbel": solve_gumbel, "alternating": solve_alternating}
 
 
-def fit_relaxed(
+def compute_relaxed_fit(
     sequence: PointSequence,
     flow: Flow,
     canonical_frame: int,

@@ -30,7 +30,7 @@ def start_from_flow(
 ) -> Start:
     """Cluster the points' trajectories along the flow into at most `max_parts` rigid parts.
 
-    Small patches of the surface merge greedily, touching ones only, at the price of the rigid residual
+    Small patches of the surface merge greedily, touching ones only, at the price of the sum of squares
     that their union adds.
     """
     seeds = farthest_points(p_canonical, min(SEEDS_PER_PART * max_parts, max(1, len(p_canonical) // 6)))

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float64, Int64
 from schemas.model_file import ModelJoint, Result
 from schemas.robot import Robot
 from stages.kernels.labelling.colours import distinct_colours, hexadecimal
-from stages.kernels.points.sampling import normals, spacing, thinned
+from stages.kernels.points.sampling import normals, point_spacing, thinned
 from stages.kernels.surfaces.meshing import Mesh, decimated
 from stages.support.open3d_use import needing_open3d
 
@@ -57,7 +57,7 @@ def scene_data(
     return {
         "centre": scale.centre.tolist(),
         "half": scale.half,
-        "spacing": (spacing(p[chosen]) if distinct > 1 else 0.0) / scale.half,
+        "spacing": (point_spacing(p[chosen]) if distinct > 1 else 0.0) / scale.half,
         "diagonal": float(np.linalg.norm(np.ptp(p, axis=0))),
         "canonical": model.canonical_frame,
         "root": model.root,

@@ -41,7 +41,7 @@ VIEWER = (  # the script's files in viewer/, in their order
 MODES = {"points": "Points", "meshes": "Meshes", "true": "True parts"}
 
 
-def measure(result: Result, sequence: PointSequence) -> Report:
+def compute_report(result: Result, sequence: PointSequence) -> Report:
     """Measure the model's residuals on the sequence that it was fitted to."""
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     return Report(residuals=part_residuals(result, frames), sampling=sampling_floor(result))

@@ -19,7 +19,7 @@ from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
 
 
-def to_result(model: KinematicModel, sequence: PointSequence) -> Result:
+def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
     """Convert a model to the result, in the canonical frame and the input's units.
 
     Raises ValueError for a model with screw joints, whose kind only the final fit decides.

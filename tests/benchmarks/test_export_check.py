@@ -5,9 +5,9 @@ from schemas.config import ExportConfig
 from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.export.stage import WRITERS, describe
+from stages.export.stage import WRITERS, compute_export
 from stages.kernels.kinematics.tree import KinematicTree
-from stages.result.stage import to_result
+from stages.result.stage import compute_result
 
 
 @pytest.fixture
@@ -62,8 +62,8 @@ def model_and_files():
         units="metre",
         frame_names=("0", "1", "2"),
     )
-    result = to_result(kinematic, sequence)
-    robot = describe(result, None, ExportConfig(triangles=800), "boxes")
+    result = compute_result(kinematic, sequence)
+    robot = compute_export(result, None, ExportConfig(triangles=800), "boxes")
     return result, {file: content for write in WRITERS.values() for file, content in write(robot).items()}
 
 

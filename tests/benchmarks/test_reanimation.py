@@ -4,13 +4,14 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from pipeline.store import artifacts
 from schemas.config import EvaluationConfig, FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation.stage import evaluate
+from stages.evaluation.stage import compute_evaluation
 from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import move_points
 
@@ -72,13 +73,13 @@ def ingested():
 
 def finished_run(folder, ingested, model):
     """The artifacts that a run leaves of a sequence whose model this is."""
-    metrics = evaluate(model, ingested, EvaluationConfig(), np.random.default_rng(0))
-    artifacts = {
+    metrics = compute_evaluation(model, ingested, EvaluationConfig(), np.random.default_rng(0))
+    made = {
         "ingest": ingested,
         "canonical_frame": CanonicalChoice(candidates=(), model=model),
         "evaluation": metrics,
     }
-    for stage, artifact in artifacts.items():
+    for stage, artifact in made.items():
         provenance = Provenance(
             stage=stage,
             version=1,
@@ -135,10 +136,10 @@ def test_parts_that_share_few_points_are_not_right(benchmark):
 def test_points_are_told_of_every_part_and_of_the_right_ones_where_there_are_any(benchmark):
     labels_true = np.repeat([0, 1], 10)
     among = np.arange(20) == 3
-    told = list(benchmark.told_points(labels_true, among, 0, 4))
-    assert {points[0] for points in told} == {3}
-    assert len({points[1] for points in told}) > 1
-    assert all(points[1] >= 10 for points in told)
+    given = list(benchmark.target_points(labels_true, among, 0, 4))
+    assert {points[0] for points in given} == {3}
+    assert len({points[1] for points in given}) > 1
+    assert all(points[1] >= 10 for points in given)
 
 
 def test_a_truth_without_joints_is_refused(benchmark, ingested):

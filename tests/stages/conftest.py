@@ -15,7 +15,7 @@ from schemas.model_file import Result
 from schemas.sequence import PointSequence
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.result.stage import to_result
+from stages.result.stage import compute_result
 
 FRAMES, POINTS = 5, 400
 STATES = np.array([-0.5, -0.25, 0.0, 0.3, 0.6])
@@ -127,7 +127,7 @@ def fitted(scene: TwoParts, free: bool = False) -> Result:
         e_1dof=np.zeros(1),
         energies={},
     )
-    return to_result(model, scene.sequence)
+    return compute_result(model, scene.sequence)
 
 
 def placed(scene: TwoParts, centre: tuple[float, float, float]) -> TwoParts:

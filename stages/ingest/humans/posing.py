@@ -11,7 +11,7 @@ from stages.ingest.humans.skeleton import BENDING, PARTS, Body, Poses, Rotations
 
 _ARM_ABDUCTION = 10.0  # degrees between a hanging upper arm and the vertical
 _ELBOW_STRETCH = 25.0  # degrees by which the mesh's bent elbow is stretched
-_CONTACT = 0.03  # metres; if the feet's heights differ by more, the person stands on the lower one
+_STANDING = 0.03  # metres; if the feet's heights differ by more, the person stands on the lower one
 _BACKWARD = ("upper_arm", "forearm", "hand", "thigh", "foot")  # a rotation about +x moves these backward
 _LIMBS = (*_BACKWARD, "calf")
 
@@ -77,7 +77,7 @@ def _on_floor(body: Body, Ts_world_bone: Poses, motion: Motion) -> Float64[np.nd
     Ts_world_foot = Ts_world_bone[:, feet]
     p = np.einsum("fbij,bj->fbi", Ts_world_foot[..., :3, :3], body.heads[feet]) + Ts_world_foot[..., :3, 3]
     height = p[..., 2] - p[..., 2].min(axis=1, keepdims=True)
-    standing = np.exp(-height / _CONTACT)
+    standing = np.exp(-height / _STANDING)
     standing = (standing[1:] + standing[:-1]) / 2
     steps = np.diff(p, axis=0) * (standing / standing.sum(axis=1, keepdims=True))[..., None]
     moved = np.zeros((len(p), 3))

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from stages.kernels.points.nearest import neighbours
-from stages.kernels.points.sampling import normals, spacing
+from stages.kernels.points.sampling import normals, point_spacing
 
 CREASE, LEAST_WEIGHT = 0.1, 0.1  # 1 - |cos| of the angle between normals at which a weight has fallen to 1/e; its floor
 LONGEST_EDGE = 6.0  # longer edges, in spacings, bridge gaps between surfaces
@@ -69,5 +69,5 @@ def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = 6) -> Su
     ends = np.stack([np.arange(len(points)).repeat(indices.shape[1]), indices.ravel()], axis=1)
     edges = np.unique(np.sort(ends, axis=1), axis=0)
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    short = (edges[:, 0] != edges[:, 1]) & (lengths < LONGEST_EDGE * spacing(points))
+    short = (edges[:, 0] != edges[:, 1]) & (lengths < LONGEST_EDGE * point_spacing(points))
     return SurfaceGraph(len(points), edges[short], lengths[short])

@@ -110,12 +110,13 @@ def test_every_command_explains_itself_with_an_example(reart, command):
     assert f"reart {command}" in result.stdout.split("Example")[1]
 
 
-README = Path(__file__).parents[3] / "README.md"
+ROOT = Path(__file__).parents[3]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def examples():
-    """Every setting that a help text or the README gives as an example, with the schema that knows it."""
-    texts = [(PipelineConfig, FOLDER, README.read_text(encoding="utf-8"))]
+    """Every setting that a help text or a document gives as an example, with the schema that knows it."""
+    texts = [(PipelineConfig, FOLDER, document.read_text(encoding="utf-8")) for document in DOCUMENTS]
     for command in app.registered_commands:
         schema, folder = (
             (TrainFlowConfig, TRAINING_FOLDER) if command.callback is train_flow else (PipelineConfig, FOLDER)

@@ -1,3 +1,4 @@
+import importlib
 import inspect
 import os
 import pkgutil
@@ -19,7 +20,7 @@ from schemas.errors import InputError
 
 NO_STAGES = {"kernels", "support", "rearticulation"}
 HEAVY = {"torch", "open3d", "scipy", "networkx", "sklearn", "matplotlib"}
-VALUES = (True, False, 2, 3, 100, 0.5, 1.5, "metre", "mine:function", Path("other"), (1.0, 2.0), (1,))
+VALUES = (True, False, 2, 3, 100, 0.5, 1.5, "metre", "mine:function", Path("other"), (1.0, 2.0), (1,), ("spherical",))
 
 
 def leaves(config, prefix=()):
@@ -100,11 +101,16 @@ def test_keys_are_known_without_importing_what_computes():
     assert not imported & {f"stages.{stage}.stage" for stage in STAGES}
 
 
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_is_computed_by_the_function_that_bears_its_name(stage):
+    assert callable(getattr(importlib.import_module(f"stages.{stage}.stage"), f"compute_{stage}"))
+
+
 def test_a_canonical_frame_that_is_not_there_is_told_before_the_flow(tiny, samples, monkeypatch):
     def estimate(*args):
         raise AssertionError("the flow is computed first")
 
-    monkeypatch.setattr("stages.flow.stage.estimate_flow", estimate)
+    monkeypatch.setattr("stages.flow.stage.compute_flow", estimate)
     monkeypatch.setattr(IngestTask, "read", lambda task: SimpleNamespace(sequence=samples["sequence"]))
     job = tiny.job(PipelineConfig(canonical_frame=CanonicalFrameConfig(frames=(1, 99))))
     with pytest.raises(InputError, match=r"canonical_frame\.frames: found 99, expected 0\.\.2"):

@@ -4,7 +4,7 @@ import pytest
 from schemas.config import CanonicalFrameConfig, FinalFitConfig, ProjectionConfig
 from schemas.errors import InputError
 from stages.canonical_frame.candidates import candidate_frames
-from stages.canonical_frame.stage import choose
+from stages.canonical_frame.stage import compute_canonical_frame
 from stages.projection.stage import link_parts
 
 CONFIG = FinalFitConfig(points=400)
@@ -21,7 +21,7 @@ def candidate(truth, e_project=0.0, e_group=0.0, frame=2, off=0.0):
 
 def test_the_lowest_energy_of_projection_wins(hinge):
     models = [candidate(hinge, 3.0, 1.0), candidate(hinge, 1.0, 2.0), candidate(hinge, 0.5, 4.0)]
-    choice = choose(models, hinge.sequence, "project", CONFIG)
+    choice = compute_canonical_frame(models, hinge.sequence, "project", CONFIG)
     assert choice.model is models[1]
     assert [c.e_project for c in choice.candidates] == [3.0, 1.0, 0.5]
 
@@ -30,24 +30,26 @@ def test_the_lowest_energy_of_projection_wins(hinge):
 def test_the_better_fit_wins_whichever_its_canonical_frame(hinge, worse):
     frames = (2, 1)
     models = [candidate(hinge, frame=frames[k], off=0.02 * (k == worse)) for k in (0, 1)]
-    choice = choose(models, hinge.sequence, "fit", CONFIG)
+    choice = compute_canonical_frame(models, hinge.sequence, "fit", CONFIG)
     assert choice.model is models[1 - worse]
     assert choice.candidates[worse].e_fit > 1.2 * choice.candidates[1 - worse].e_fit
 
 
 def test_the_same_model_costs_the_same_from_any_frame(hinge):
-    one, other = choose([candidate(hinge), candidate(hinge, frame=3)], hinge.sequence, "fit", CONFIG).candidates
+    one, other = compute_canonical_frame(
+        [candidate(hinge), candidate(hinge, frame=3)], hinge.sequence, "fit", CONFIG
+    ).candidates
     assert one.e_fit == pytest.approx(other.e_fit, rel=1e-6)
 
 
 def test_the_first_of_equals_wins(hinge):
     models = [candidate(hinge), candidate(hinge)]
-    assert choose(models, hinge.sequence, "fit", CONFIG).model is models[0]
+    assert compute_canonical_frame(models, hinge.sequence, "fit", CONFIG).model is models[0]
 
 
 def test_no_candidate_is_an_error(hinge):
     with pytest.raises(ValueError, match="at least one"):
-        choose([], hinge.sequence, "fit", CONFIG)
+        compute_canonical_frame([], hinge.sequence, "fit", CONFIG)
 
 
 def test_candidates_are_the_middle_frame_and_its_neighbours():

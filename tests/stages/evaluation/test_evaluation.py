@@ -12,7 +12,7 @@ from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
-from stages.evaluation.stage import chamfer_distance, evaluate, joint_errors, line_distance
+from stages.evaluation.stage import chamfer_distance, compute_evaluation, joint_errors, line_distance
 from stages.evaluation.summary import figures_of
 
 FRAMES, PER_PART, CANONICAL = 5, 60, 3
@@ -113,14 +113,14 @@ def true_model(data: IngestedSequence) -> KinematicModel:
 
 
 def measured(model: KinematicModel, data: IngestedSequence, seed: int = 0) -> Metrics:
-    return evaluate(model, data, EvaluationConfig(), np.random.default_rng(seed))
+    return compute_evaluation(model, data, EvaluationConfig(), np.random.default_rng(seed))
 
 
 def with_truth(data: IngestedSequence, **changes: Any) -> IngestedSequence:
     return data.replace(truth=data.truth.replace(**changes))
 
 
-def test_where_nothing_moves_no_part_is_told() -> None:
+def test_where_nothing_moves_no_part_is_observable() -> None:
     data = ingested()
     still = with_truth(data, Ts_frame_first=np.tile(np.eye(4), (FRAMES, 4, 1, 1)))
     metrics = measured(true_model(data), still)
@@ -357,7 +357,8 @@ def ball_model(data: IngestedSequence, aside: float) -> KinematicModel:
     point = model.point.copy()
     point[1] = moved(data.truth.Ts_frame_first[CANONICAL], np.array([2]), POINT[1:2])[0] + [0, aside, 0]
     types = (TYPES[0], "spherical", TYPES[2])
-    return model.model_copy(update={"joint_types": types, "point": point})
+    states = np.zeros((model.states.shape[0], 5))
+    return model.replace(joint_types=types, point=point, states=states)
 
 
 def ball_truth(data: IngestedSequence) -> IngestedSequence:

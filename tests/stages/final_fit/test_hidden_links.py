@@ -3,11 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.final_fit.hidden_links import insert_hidden_links
+from schemas.joints import PRISMATIC, REVOLUTE
+from stages.final_fit.hidden_links import add_freedom
 from stages.final_fit.labelling import relabel
-from stages.final_fit.working import Fit, joint_fits
+from stages.final_fit.working import Fit, relative_motions
 from stages.kernels.alignment.registration import Registration
 from stages.kernels.kinematics.chain import Joint
+from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.motion.rigid_motion import move_points
 from stages.projection.stage import part_samples
@@ -21,12 +23,13 @@ def unseen(housed):
     """What the relaxed fit makes of it: the housing is a piece of the body. Its tree, and the parts' free motions."""
     labels = np.array([0, 0, 1])[housed.labels]
     Ts = housed.chain.Ts[:, [BODY, ARM]]
-    fits = joint_fits(Ts, np.array([0]), np.array([1]), part_samples(housed.frames.p, labels, 60)[[1]])
+    motions = relative_motions(Ts, np.array([0]), np.array([1]))
+    fits = fit_joint([REVOLUTE, PRISMATIC], motions, part_samples(housed.frames.p, labels, 60)[[1]])
     return Fit(housed.chain.with_joints([Joint.of(fits.since(2), 0, 1, (0,))]), labels), Ts
 
 
 def test_the_link_that_the_motion_needs_is_inserted(housed, unseen):
-    fit = insert_hidden_links(unseen[0], housed.frames, unseen[1], PRICE)
+    fit = add_freedom(unseen[0], housed.frames, unseen[1], PRICE, PRICE)
     np.testing.assert_array_equal(fit.labels, unseen[0].labels)
     assert fit.chain.parts == 3
     np.testing.assert_array_equal(fit.chain.tree.parents, [-1, 2, 0])
@@ -37,7 +40,7 @@ def test_the_link_that_the_motion_needs_is_inserted(housed, unseen):
 
 
 def test_the_link_gets_the_points_around_its_joint(housed, unseen):
-    fit = insert_hidden_links(unseen[0], housed.frames, unseen[1], PRICE)
+    fit = add_freedom(unseen[0], housed.frames, unseen[1], PRICE, PRICE)
     for _ in range(2):
         fit = housed.frames.refine(relabel(housed.frames.refine(fit, 8), housed.frames, 5, 1.5, 0.008), 8)
     found = np.array([BODY, ARM, HOUSING])[fit.labels]
@@ -48,7 +51,7 @@ def test_the_link_gets_the_points_around_its_joint(housed, unseen):
 
 
 def test_nothing_is_inserted_where_one_joint_is_enough(two_parts):
-    fit = insert_hidden_links(two_parts.fit, two_parts.frames, two_parts.chain.Ts, PRICE)
+    fit = add_freedom(two_parts.fit, two_parts.frames, two_parts.chain.Ts, PRICE, PRICE)
     assert fit.chain.parts == 2
     np.testing.assert_array_equal(fit.chain.tree.parents, [-1, 0])
 
@@ -65,7 +68,7 @@ def test_nothing_is_inserted_where_two_joints_do_not_explain_the_motion_either(h
     single = frames.refine(hinge_case.fit, 8)
     costs = [frames.point_costs(hinge_case.labels, motions).sum() for motions in (single.chain.Ts, Ts)]
     assert costs[0] > 2 * costs[1]  # one joint is not enough either
-    assert insert_hidden_links(hinge_case.fit, frames, Ts, PRICE).chain.parts == 2
+    assert add_freedom(hinge_case.fit, frames, Ts, PRICE, PRICE).chain.parts == 2
 
 
 def turning(point):
@@ -76,7 +79,7 @@ def turning(point):
 
 def test_a_root_that_turns_about_one_axis_hangs_on_a_still_base(hinge_case):
     moved = hinge_case.moved(turning([-0.5, 0.1, 0.0]))
-    fit = insert_hidden_links(moved.fit, moved.frames, moved.chain.Ts, PRICE)
+    fit = add_freedom(moved.fit, moved.frames, moved.chain.Ts, PRICE, PRICE)
     chain = fit.chain
     assert (chain.parts, chain.tree.root, chain.tree.free_root) == (3, 2, False)
     np.testing.assert_array_equal(chain.tree.parents, [2, 0, -1])
@@ -91,6 +94,6 @@ def test_a_root_that_moves_freely_hangs_on_nothing(hinge_case):
     Ts = turning([0.0, 0.0, 0.0])
     Ts[:, :3, 3] += np.array([[0.1, 0, 0], [0, 0.1, 0.1], [0, 0, 0], [0, -0.1, 0.1], [-0.1, 0, 0]])
     moved = hinge_case.moved(Ts)
-    chain = insert_hidden_links(moved.fit, moved.frames, moved.chain.Ts, PRICE).chain
+    chain = add_freedom(moved.fit, moved.frames, moved.chain.Ts, PRICE, PRICE).chain
     assert (chain.parts, chain.tree.root, chain.tree.free_root) == (2, 0, True)
     np.testing.assert_allclose(chain.T_frame_root, Ts, atol=0.03)

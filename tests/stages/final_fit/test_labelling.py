@@ -82,7 +82,7 @@ def test_fused_points_lie_on_their_own_parts_canonical_surface(hinge_case):
     for part in (0, 1):
         own = hinge_case.frames.p[hinge_case.labels == part]
         distance = nearest(KDTree(own), p[labels == part])[0]
-        assert distance.max() < 6 * hinge_case.frames.noise
+        assert distance.max() < 6 * hinge_case.frames.spacing
     assert len(fuse(hinge_case.fit, hinge_case.frames, 1)[0]) == 400
     assert len(fuse(hinge_case.fit, hinge_case.frames, 3)[0]) == 3 * 400
     assert len(fuse(hinge_case.fit, hinge_case.frames, 99)[0]) == 5 * 400

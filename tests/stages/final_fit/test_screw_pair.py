@@ -24,7 +24,7 @@ def test_a_known_pair_is_recovered(degrees, offset):
     axis, point = apart(degrees), np.array([[0.0, 0.0, 0.0], offset])
     Ts = screw(axis[0], point[0], FIRST) @ screw(axis[1], point[1], SECOND)
     pair = fit_screw_pair(Ts, BODY, np.array([0.05, -0.03, 0.04]), CANONICAL, NOISE)
-    assert pair.residual < 0.02 * NOISE
+    assert pair.rms < 0.02 * NOISE
     signs = np.sign((pair.axis * axis).sum(axis=1))
     assert np.all((pair.axis * axis).sum(axis=1) * signs > np.cos(np.radians(1)))
     np.testing.assert_allclose(pair.states * signs, np.stack([FIRST, SECOND], axis=1), atol=0.02)
@@ -41,14 +41,14 @@ def test_the_residual_is_what_the_pair_leaves():
     first, second = (screw(pair.axis[k], pair.point[k], pair.states[:, k]) for k in (0, 1))
     p = np.concatenate([BODY, np.ones((60, 1))], axis=1)
     left = np.einsum("tij,nj->tni", (first @ second - Ts)[:, :3], p)
-    assert pair.residual == pytest.approx(np.sqrt((left**2).sum(axis=-1).mean()))
-    assert pair.residual > 0.5 * NOISE
+    assert pair.rms == pytest.approx(np.sqrt((left**2).sum(axis=-1).mean()))
+    assert pair.rms > 0.5 * NOISE
 
 
 def test_a_plain_hinge_hardly_turns_its_second_joint():
     Ts = screw([0.0, 1.0, 0.0], [0.1, 0.0, 0.0], FIRST)
     pair = fit_screw_pair(Ts, BODY, np.zeros(3), CANONICAL, NOISE)
-    assert pair.residual < 0.05 * NOISE
+    assert pair.rms < 0.05 * NOISE
     turns = np.ptp(pair.states, axis=0)
     assert turns.min() < 0.02 * np.ptp(FIRST)
     assert turns.max() == pytest.approx(np.ptp(FIRST), rel=0.05)

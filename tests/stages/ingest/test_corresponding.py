@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from stages.true_motion import true_positions
 
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
+from stages.evaluation.true_motion import true_positions
 from stages.ingest.sources import file_source
 
 FRAMES = 4

@@ -3,7 +3,7 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import MergingConfig, ProjectionConfig
-from stages.merging.stage import merge, touching_parts
+from stages.merging.stage import compute_merging, touching_parts
 from stages.projection.stage import link_parts
 
 MERGING, PROJECTION = MergingConfig(threshold=0.8), ProjectionConfig()
@@ -19,7 +19,7 @@ def split_in_four(truth, wobble=0.0):
 
 
 def test_pieces_of_one_part_are_rejoined_and_parts_kept_apart(two_part_object):
-    merged = merge(split_in_four(two_part_object), two_part_object.sequence, MERGING, PROJECTION)
+    merged = compute_merging(split_in_four(two_part_object), two_part_object.sequence, MERGING, PROJECTION)
     assert adjusted_rand_score(merged.labels, two_part_object.canonical_labels) == 1.0
     moving = int(merged.labels[two_part_object.canonical_labels == 1][0])
     np.testing.assert_allclose(
@@ -30,18 +30,21 @@ def test_pieces_of_one_part_are_rejoined_and_parts_kept_apart(two_part_object):
 def test_a_difference_below_the_threshold_merges_and_above_it_does_not(hinge):
     for wobble, parts in ((0.002, 2), (0.05, 3)):
         model = split_in_four(hinge, wobble)
-        assert merge(model, hinge.sequence, MERGING, PROJECTION).part_count == parts
+        assert compute_merging(model, hinge.sequence, MERGING, PROJECTION).part_count == parts
 
 
 def test_threshold_zero_merges_nothing(hinge):
-    assert merge(split_in_four(hinge, 0.01), hinge.sequence, MergingConfig(threshold=0), PROJECTION).part_count == 4
+    assert (
+        compute_merging(split_in_four(hinge, 0.01), hinge.sequence, MergingConfig(threshold=0), PROJECTION).part_count
+        == 4
+    )
 
 
 def test_a_rigid_object_becomes_one_part(hinge):
     p = hinge.sequence.frames()[2]
     Ts = np.tile(np.eye(4), (5, 2, 1, 1))
     model = link_parts(p, hinge.canonical_labels, Ts, 2, PROJECTION)
-    merged = merge(model, hinge.sequence, MERGING, PROJECTION)
+    merged = compute_merging(model, hinge.sequence, MERGING, PROJECTION)
     assert merged.part_count == 1
     assert len(merged.joint_child) == 0
     assert merged.energies["E_project"] == pytest.approx(0)
@@ -63,7 +66,7 @@ def test_pieces_of_one_body_merge_even_where_the_tree_does_not_link_them(hinge):
         joint_parent=np.array([2, 2, 2]),
         joint_child=np.array([0, 1, 3]),
     )
-    assert merge(detour, hinge.sequence, MERGING, PROJECTION).part_count == 2
+    assert compute_merging(detour, hinge.sequence, MERGING, PROJECTION).part_count == 2
 
 
 def test_a_part_of_two_points_keeps_its_motion(hinge):
@@ -72,6 +75,6 @@ def test_a_part_of_two_points_keeps_its_motion(hinge):
     Ts = hinge.Ts_frame_canonical[:, [0, 1, 0]].copy()
     Ts[:, 2, 2, 3] += [0.1, 0.2, 0.0, 0.3, 0.4]
     model = link_parts(hinge.sequence.frames()[2], labels, Ts, 2, PROJECTION)
-    merged = merge(model, hinge.sequence, MergingConfig(threshold=0.1), PROJECTION)
+    merged = compute_merging(model, hinge.sequence, MergingConfig(threshold=0.1), PROJECTION)
     part = int(merged.labels[0])
     np.testing.assert_array_equal(merged.Ts_frame_canonical[:, part], Ts[:, 2])

@@ -4,7 +4,16 @@ import pytest
 from schemas.config import ProjectionConfig
 from schemas.joints import REVOLUTE
 from schemas.relaxed import RelaxedModel
-from stages.projection.stage import base_part, group_energy, link_parts, project, spanning_tree, spatial_energies
+from stages.projection.stage import (
+    base_part,
+    compute_projection,
+    directed,
+    group_energy,
+    link_parts,
+    middle_part,
+    spanning_tree,
+    spatial_energies,
+)
 
 CONFIG = ProjectionConfig()
 
@@ -22,7 +31,7 @@ def relaxed_truth(truth):
 
 def test_finds_the_known_joint(two_part_object):
     truth = two_part_object
-    model = project(relaxed_truth(truth), truth.sequence, CONFIG)
+    model = compute_projection(relaxed_truth(truth), truth.sequence, CONFIG)
     assert model.root == 0
     assert (model.joint_parent.tolist(), model.joint_child.tolist()) == ([0], [1])
     assert abs(model.axis[0] @ truth.axis) == pytest.approx(1, abs=1e-9)
@@ -51,11 +60,20 @@ def test_group_energy_equals_its_naive_twin(hinge):
     assert group_energy(p, labels) == pytest.approx(sum(per_part) / 2)
 
 
+def test_the_root_in_the_middle_has_most_points_near():
+    cost = np.full((4, 4), 9.0)
+    for a, b in ((0, 1), (1, 2), (2, 3)):
+        cost[a, b] = cost[b, a] = 1.0
+    tree = spanning_tree(cost)
+    assert middle_part(tree, np.array([10, 10, 30, 10])) == 2
+    assert middle_part(tree, np.array([90, 10, 30, 10])) == 0
+
+
 def test_spanning_tree_takes_the_cheapest_links_parents_first():
     cost = np.full((4, 4), 9.0)
     for a, b in ((0, 2), (2, 1), (1, 3)):
         cost[a, b] = cost[b, a] = 1.0
-    np.testing.assert_array_equal(spanning_tree(cost, 2), [[2, 0], [2, 1], [1, 3]])
+    np.testing.assert_array_equal(directed(spanning_tree(cost), 2), [[2, 0], [2, 1], [1, 3]])
 
 
 def test_a_one_dof_link_beats_a_nearer_free_one():

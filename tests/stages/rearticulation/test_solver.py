@@ -296,7 +296,7 @@ def test_a_ball_joint_turns_about_any_axis(angle: float) -> None:
     found = rearticulate(mechanism, p_source, parts, moved(Ts[parts], p_source))
     np.testing.assert_allclose(found.Ts_pose_canonical, Ts, atol=1e-6)
     assert found.coordinates[3] == pytest.approx(0.7)
-    assert not found.untold.any()
+    assert not found.undetermined.any()
 
 
 def test_a_ball_joint_turns_no_farther_than_its_limit() -> None:
@@ -328,8 +328,8 @@ def test_what_the_targets_do_not_tell_is_told_and_stays_at_the_nearest_observed_
     p_source = np.array([[0.3, 0.0, 0.0]])  # one point of the ball's part: a turn about the line to it is not told
     found = rearticulate(mechanism, p_source, np.array([1]), moved(Ts[1:2], p_source))
     np.testing.assert_allclose(found.coordinates, [0.4, 0.2, -0.3, 0.0], atol=1e-6)
-    assert found.untold[3] == 1
-    assert found.untold[:3].sum() == pytest.approx(1, abs=1e-3)
+    assert found.undetermined[3] == 1
+    assert found.undetermined[:3].sum() == pytest.approx(1, abs=1e-3)
 
 
 def test_a_chain_of_hinges_with_one_target_at_its_end_reaches_it_though_no_hinge_is_told() -> None:
@@ -341,7 +341,7 @@ def test_a_chain_of_hinges_with_one_target_at_its_end_reaches_it_though_no_hinge
     found = rearticulate(mechanism, np.array([[0.9, 0.0, 0.0]]), np.array([joints]), p_target)
     reached = moved(found.Ts_pose_canonical[[joints]], np.array([[0.9, 0.0, 0.0]]))
     np.testing.assert_allclose(reached, p_target, atol=1e-4)
-    assert (found.untold > 0.05).all()
+    assert (found.undetermined > 0.05).all()
 
 
 def test_noise_does_not_turn_a_joint_whose_targets_lie_next_to_its_axis() -> None:
@@ -354,6 +354,6 @@ def test_noise_does_not_turn_a_joint_whose_targets_lie_next_to_its_axis() -> Non
     mechanism = Mechanism.without_limits(chain_of(model, False))
     found = rearticulate(mechanism, p_source, parts, p_target)
     start = np.abs(mechanism.chain.states[:, 1] - found.coordinates[1]).min()
-    assert (found.untold > 0.05).tolist()[0] is False
-    assert found.untold[1] > 0.9
+    assert (found.undetermined > 0.05).tolist()[0] is False
+    assert found.undetermined[1] > 0.9
     assert min(start, abs(found.coordinates[1])) < 0.01

@@ -17,7 +17,7 @@ from stages.relaxed_fit.alternating import (
     relabel,
     split,
 )
-from stages.relaxed_fit.stage import fit_relaxed
+from stages.relaxed_fit.stage import compute_relaxed_fit
 
 SETTINGS = AlternatingConfig(points=400, start_parts=6, rounds=4, closing_rounds=2, patches=20, patch_points=30)
 CONFIG = RelaxedFitConfig(solver="alternating", alternating=SETTINGS)
@@ -34,7 +34,7 @@ def true_parts(truth):
 
 def test_finds_the_parts_of_a_known_object(two_part_object):
     truth = two_part_object
-    model = fit_relaxed(truth.sequence, truth.true_flow(), 2, CONFIG, np.random.default_rng(0))
+    model = compute_relaxed_fit(truth.sequence, truth.true_flow(), 2, CONFIG, np.random.default_rng(0))
     assert adjusted_rand_score(model.labels, truth.canonical_labels) > 0.95
     part = model.labels[-1]
     difference = model.Ts_frame_canonical[:, part] - truth.Ts_frame_canonical[:, 1]
@@ -43,7 +43,8 @@ def test_finds_the_parts_of_a_known_object(two_part_object):
 
 def test_is_deterministic(hinge):
     first, second = (
-        fit_relaxed(hinge.sequence, hinge.true_flow(), 2, CONFIG, np.random.default_rng(seed)) for seed in (0, 1)
+        compute_relaxed_fit(hinge.sequence, hinge.true_flow(), 2, CONFIG, np.random.default_rng(seed))
+        for seed in (0, 1)
     )
     np.testing.assert_array_equal(first.Ts_frame_canonical, second.Ts_frame_canonical)
 
@@ -51,7 +52,7 @@ def test_is_deterministic(hinge):
 def test_labels_cover_all_points_when_the_fit_works_on_fewer(hinge):
     settings = SETTINGS.model_copy(update={"points": 200})
     config = CONFIG.model_copy(update={"alternating": settings})
-    model = fit_relaxed(hinge.sequence, hinge.true_flow(), 2, config, np.random.default_rng(0))
+    model = compute_relaxed_fit(hinge.sequence, hinge.true_flow(), 2, config, np.random.default_rng(0))
     assert len(model.labels) == 400
     assert adjusted_rand_score(model.labels, hinge.canonical_labels) > 0.9
 

@@ -21,7 +21,7 @@ from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result
 from schemas.robot import Robot
 from schemas.sequence import PointSequence
-from stages.export.stage import describe
+from stages.export.stage import compute_export
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SWITCHES = (
@@ -263,7 +263,7 @@ def arm() -> Arm:
         frame_names=tuple("abcd"),
     )
     exportable = [joint.model_copy(update={"type": "revolute", "states": (0.0,) * 4}) for joint in joints]
-    robot = describe(
+    robot = compute_export(
         result.replace(model=model.model_copy(update={"joints": tuple(exportable)})),
         None,
         ExportConfig(triangles=200),

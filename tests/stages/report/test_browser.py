@@ -6,14 +6,14 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from stages.report.stage import measure, report_page
+from stages.report.stage import compute_report, report_page
 
 
 @pytest.fixture(scope="module")
 def file(arm, tmp_path_factory):
     result, sequence, robot, metrics, labels_true = arm
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
-    page = report_page("</script>arm", result, frames, measure(result, sequence), robot, metrics, labels_true)
+    page = report_page("</script>arm", result, frames, compute_report(result, sequence), robot, metrics, labels_true)
     path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(page)
     return path

@@ -14,7 +14,7 @@ from schemas.kinematic import KinematicModel
 from schemas.model_file import ModelFile
 from schemas.sequence import PointSequence
 from stages.kernels.kinematics.chain import Chain, Joint
-from stages.result.stage import result_files, to_result
+from stages.result.stage import compute_result, result_files
 
 FRAMES, CANONICAL, POINTS = 6, 2, 40
 PARENT, CHILD = np.array([2, 2, 0]), np.array([0, 1, 3])
@@ -79,7 +79,7 @@ def unsealed(model: ModelFile) -> ModelFile:
 
 
 def test_forward_kinematics_of_model_json_moves_the_points_as_model_npz_says() -> None:
-    description, arrays = loaded(result_files(to_result(model(), sequence())))
+    description, arrays = loaded(result_files(compute_result(model(), sequence())))
     p, labels, Ts = arrays["canonical_points"].astype(np.float64), arrays["labels"], arrays["T_frame_canonical"]
     joint_of = {joint["child"]: joint for joint in description["joints"]}
     for t in range(description["frames"]):
@@ -103,7 +103,7 @@ def test_forward_kinematics_of_model_json_moves_the_points_as_model_npz_says() -
 def test_transforms_in_input_units_move_points_as_the_normalised_ones_do() -> None:
     fitted, observed = model(), sequence()
     p_normalised = observed.frames()[CANONICAL]
-    Ts = to_result(fitted, observed).T_frame_canonical
+    Ts = compute_result(fitted, observed).T_frame_canonical
     for t in range(FRAMES):
         T_normalised, T_input = fitted.Ts_frame_canonical[t, 1], Ts[t, 1]
         expected = observed.to_input(p_normalised @ T_normalised[:3, :3].T + T_normalised[:3, 3])
@@ -112,14 +112,14 @@ def test_transforms_in_input_units_move_points_as_the_normalised_ones_do() -> No
 
 
 def test_canonical_points_are_the_input_points_bit_for_bit() -> None:
-    _, arrays = loaded(result_files(to_result(model(), sequence())))
+    _, arrays = loaded(result_files(compute_result(model(), sequence())))
     assert arrays["canonical_points"].dtype == np.float32
     np.testing.assert_array_equal(arrays["canonical_points"], input_frames()[CANONICAL])
     np.testing.assert_array_equal(arrays["labels"], model().labels)
 
 
 def test_the_header_and_parts_tell_what_the_model_is() -> None:
-    files = result_files(to_result(model(), sequence()))
+    files = result_files(compute_result(model(), sequence()))
     description, _ = loaded(files)
     header = {key: value for key, value in description.items() if key not in ("parts", "joints")}
     assert header == {
@@ -141,7 +141,7 @@ def test_the_header_and_parts_tell_what_the_model_is() -> None:
 
 def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
     fitted, observed = model(), sequence()
-    description, _ = loaded(result_files(to_result(fitted, observed)))
+    description, _ = loaded(result_files(compute_result(fitted, observed)))
     assert [joint["name"] for joint in description["joints"]] == ["joint_2_0", "joint_2_1", "joint_0_3"]
     for joint, (kind, unit) in enumerate([("revolute", 1.0), ("prismatic", observed.scale), ("revolute", 1.0)]):
         found = description["joints"][joint]
@@ -157,22 +157,22 @@ def test_joints_have_limits_from_the_observed_states_in_input_units() -> None:
 
 def test_joints_tell_their_confidence_where_the_fit_does() -> None:
     confidence = np.arange(9).reshape(3, 3) / 10
-    result = to_result(model().replace(confidence=confidence), sequence())
+    result = compute_result(model().replace(confidence=confidence), sequence())
     description, _ = loaded(result_files(result))
     assert description["joints"][1]["confidence"] == {"part": 0.3, "link": 0.4, "type": 0.5}
     assert unsealed(ModelFile.model_validate(description)) == result.model
 
 
 def test_model_json_reads_back_to_the_same_model() -> None:
-    result = to_result(model(), sequence())
+    result = compute_result(model(), sequence())
     read = ModelFile.model_validate_json(result_files(result)["model.json"])
     assert unsealed(read) == result.model
     assert read.digest == result.model.digest  # which poses of it name
 
 
 def test_files_are_the_same_bytes_whenever_written() -> None:
-    files = result_files(to_result(model(), sequence()))
-    assert files == result_files(to_result(model(), sequence()))
+    files = result_files(compute_result(model(), sequence()))
+    assert files == result_files(compute_result(model(), sequence()))
     with zipfile.ZipFile(io.BytesIO(files["model.npz"])) as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
         assert archive.namelist() == ["canonical_points.npy", "labels.npy", "T_frame_canonical.npy"]
@@ -182,7 +182,7 @@ def test_screw_joints_are_refused() -> None:
     states = np.insert(model().states, 1, 0.0, axis=1)
     undecided = model().replace(joint_types=("revolute", "screw", "revolute"), states=states)
     with pytest.raises(ValueError, match=r"joints \[1\] are screws"):
-        to_result(undecided, sequence())
+        compute_result(undecided, sequence())
 
 
 def test_a_ball_joint_has_rotation_vectors_and_limits_of_their_length() -> None:
@@ -190,7 +190,7 @@ def test_a_ball_joint_has_rotation_vectors_and_limits_of_their_length() -> None:
     turns[CANONICAL] = 0
     states = np.concatenate([model().states[:, :1], turns, model().states[:, 2:]], axis=1)
     fitted = model().replace(joint_types=("revolute", "spherical", "revolute"), states=states)
-    ball = to_result(fitted, sequence()).model.joints[1]
+    ball = compute_result(fitted, sequence()).model.joints[1]
     assert (ball.type, ball.states) == ("spherical", tuple(map(tuple, turns.tolist())))
     assert (ball.lower, ball.upper) == (0.0, pytest.approx(np.linalg.norm(turns, axis=1).max()))
     np.testing.assert_allclose(ball.point, sequence().to_input(fitted.point[1]))  # and not moved along the axis

@@ -41,7 +41,7 @@ def test_many_frames_see_offsets_far_below_the_spacing():
     frames = [np.column_stack([rng.uniform(size=(900, 2)), np.zeros(900)]) for _ in range(5)]
     registration = Registration(frames, 2)
     Ts = np.tile(np.eye(4), (5, 2, 1, 1))
-    Ts[[0, 3], 1, 2, 3] = registration.noise / 3
+    Ts[[0, 3], 1, 2, 3] = registration.spacing / 3
     inner = np.flatnonzero((np.abs(registration.p[:, :2] - 0.5) < 0.4).all(axis=1))
     together = [motion_cost(registration, registration.p, inner, np.full(len(inner), k), Ts) for k in (0, 1)]
     single = [registration.cost(inner, np.full(len(inner), k), Ts) for k in (0, 1)]

@@ -10,7 +10,7 @@ from stages.kernels.kinematics.chain import Chain, Joint, _jacobians, _stepped, 
 from stages.kernels.kinematics.tree import KinematicTree, joint_transforms
 from stages.kernels.motion.rigid_motion import rotations
 
-FRAMES, CANONICAL, NOISE = 5, 1, 0.02
+FRAMES, CANONICAL, SPACING = 5, 1, 0.02
 SHAPES = {  # parent, child, kinds
     "revolute": ([0], [1], [REVOLUTE]),
     "prismatic": ([0], [1], [PRISMATIC]),
@@ -60,14 +60,14 @@ def posed(Ts, p):
     return np.einsum("tkij,knj->tkni", Ts[..., :3, :3], p) + Ts[:, :, None, :3, 3]
 
 
-def correspondences(p, target, noise=NOISE):
+def correspondences(p, target, spacing=SPACING):
     """Plain least squares from every part's points (parts, points, 3) to where they were seen."""
 
     def linearise(Ts):
         moved = posed(Ts, p)
         centres = moved.mean(axis=2)
-        jacobian = twist_jacobian((moved - centres[:, :, None]) / noise)
-        offset = (moved - target) / noise
+        jacobian = twist_jacobian((moved - centres[:, :, None]) / spacing)
+        offset = (moved - target) / spacing
         hessian = np.einsum("tknia,tknib->tkab", jacobian, jacobian)
         return NormalEquations((offset**2).sum(), hessian, np.einsum("tknia,tkni->tka", jacobian, offset), centres)
 
@@ -81,8 +81,8 @@ def test_jacobians_are_those_of_finite_differences(shape, free_root):
     p, joints = points_of(chain), len(chain.tree.child)
     there = posed(chain.Ts, p)
     centres = there.mean(axis=2)
-    arms = (there - centres[:, :, None]) / NOISE
-    own, shared = _jacobians(chain, centres, NOISE)
+    arms = (there - centres[:, :, None]) / SPACING
+    own, shared = _jacobians(chain, centres, SPACING)
     assert own.shape[-1] == chain.tree.size
     assert shared.shape[-1] == 6 * joints
     for jacobian in (own, shared):
@@ -92,9 +92,9 @@ def test_jacobians_are_those_of_finite_differences(shape, free_root):
             if jacobian is shared and column % 6 < 3 and not chain.tree.kinds[column // 6].has_axis:
                 assert not jacobian[..., column].any()  # what has no direction is not turned
                 continue
-            moved = posed(_stepped(chain, step_own, step_shared.reshape(joints, 6), NOISE).Ts, p)
+            moved = posed(_stepped(chain, step_own, step_shared.reshape(joints, 6), SPACING).Ts, p)
             turn, slide = jacobian[:, :, None, :3, column], jacobian[:, :, None, 3:, column]
-            np.testing.assert_allclose((moved - there) / step / NOISE, np.cross(turn, arms) + slide, atol=2e-3)
+            np.testing.assert_allclose((moved - there) / step / SPACING, np.cross(turn, arms) + slide, atol=2e-3)
 
 
 @pytest.mark.parametrize("free_root", [False, True])
@@ -102,7 +102,7 @@ def test_jacobians_are_those_of_finite_differences(shape, free_root):
 def test_a_disturbed_chain_finds_its_way_back(shape, free_root):
     true = chain_of(shape, free_root)
     p = points_of(true)
-    fitted = fit_chain(disturbed(true, 0.1), correspondences(p, posed(true.Ts, p)), CANONICAL, NOISE, 60)
+    fitted = fit_chain(disturbed(true, 0.1), correspondences(p, posed(true.Ts, p)), CANONICAL, SPACING, 60)
     has_axis = np.array([kind.has_axis for kind in true.tree.kinds])
     turns = np.array([kind.turns != "none" for kind in true.tree.kinds])
     np.testing.assert_allclose(fitted.tree.axis[has_axis], true.tree.axis[has_axis], atol=1e-3)
@@ -121,7 +121,7 @@ def test_a_fit_never_ends_dearer_than_it_began(seed, shape):
     true, start = chain_of(shape, True, seed), chain_of(shape, True, seed + 100)
     p = points_of(true)
     linearise = correspondences(p, posed(true.Ts, p))
-    costs = [linearise(fit_chain(start, linearise, CANONICAL, NOISE, n).Ts).cost for n in (0, 1, 2, 5, 12)]
+    costs = [linearise(fit_chain(start, linearise, CANONICAL, SPACING, n).Ts).cost for n in (0, 1, 2, 5, 12)]
     assert costs[0] == linearise(start.Ts).cost
     assert all(later <= earlier for earlier, later in pairwise(costs))
     assert costs[-1] < costs[0]
@@ -136,8 +136,8 @@ def test_the_unit_of_length_does_not_matter(shape):
         true = Chain(replace(one.tree, point=scale * one.tree.point), lengths * one.states)
         start = Chain(replace(true.tree, axis=disturbed(true, 0.1).tree.axis), lengths * disturbed(one, 0.1).states)
         p = points_of(true, scale)
-        linearise = correspondences(p, posed(true.Ts, p), scale * NOISE)
-        fitted = fit_chain(start, linearise, CANONICAL, scale * NOISE, 2)
+        linearise = correspondences(p, posed(true.Ts, p), scale * SPACING)
+        fitted = fit_chain(start, linearise, CANONICAL, scale * SPACING, 2)
         answers.append((fitted.tree.axis, fitted.states / lengths, fitted.tree.point / scale))
     for first, second in zip(*answers, strict=True):
         np.testing.assert_allclose(first, second, atol=1e-9)

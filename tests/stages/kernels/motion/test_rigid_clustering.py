@@ -2,7 +2,7 @@ import numpy as np
 from sklearn.metrics import rand_score
 
 from stages.kernels.kinematics.tree import joint_transforms
-from stages.kernels.motion.rigid_clustering import merge_rigid_clusters, moments, rigid_motion, rigid_residual
+from stages.kernels.motion.rigid_clustering import merge_rigid_clusters, moments, rigid_motion, rigid_square_sum
 from stages.kernels.motion.rigid_motion import move_points
 
 RNG = np.random.default_rng(0)
@@ -28,14 +28,14 @@ def naive_residual(x, y):
 
 def test_residual_of_rigid_motion_is_zero():
     m = moments(POINTS, moved(POINTS, 1), LABELS, 3)
-    np.testing.assert_allclose(rigid_residual(m), 0, atol=1e-9)
+    np.testing.assert_allclose(rigid_square_sum(m), 0, atol=1e-9)
 
 
 def test_residual_equals_the_naive_procrustes_residual():
     trajectories = moved(POINTS, 1) + np.random.default_rng(2).normal(scale=0.3, size=(4, 60, 3))
     m = moments(POINTS, trajectories, LABELS, 3)
     expected = [naive_residual(POINTS[k == LABELS], trajectories[:, k == LABELS]) for k in range(3)]
-    np.testing.assert_allclose(rigid_residual(m), expected, rtol=1e-9)
+    np.testing.assert_allclose(rigid_square_sum(m), expected, rtol=1e-9)
 
 
 def test_moments_of_a_union_are_the_sum():
