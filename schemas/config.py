@@ -156,7 +156,7 @@ class TrainFlowConfig(Settings):
 
     seed: Seed = Field(default=0, description="the same seed trains the same weights")
     robots: tuple[str, ...] = Field(
-        default=("atlas", "baxter", "laikago", "iiwa"), description="the training split; those that are to be had"
+        default=("atlas", "baxter", "laikago", "iiwa"), description="training robots; unavailable ones are left out"
     )
     robot_share: float = Field(default=0.25, ge=0, le=1, description="share of pairs of robots; the rest is made up")
     points: int = Field(default=2048, ge=64, description="points that a cloud is sampled with")
@@ -340,7 +340,7 @@ class FinalFitConfig(Settings):
         default=0.5, ge=0, description="a root that moves less (RMS, in point spacings) is held still"
     )
     hidden_links: bool = Field(
-        default=True, description="insert links that the motion needs though no point tells them apart"
+        default=True, description="insert links that the motion needs although no point belongs to them"
     )
     link_tolerance: float = Field(
         default=0.25,
@@ -387,9 +387,7 @@ class EvaluationConfig(Settings):
     reanimation_iterations: int = Field(
         default=200, ge=1, description="Levenberg-Marquardt steps of the reanimation metric"
     )
-    told_points: int = Field(
-        default=4096, ge=16, description="points per frame of which is asked whether they are observable"
-    )
+    told_points: int = Field(default=4096, ge=16, description="points per frame that are tested for being observable")
 
 
 class ExportConfig(Settings):

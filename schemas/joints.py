@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int64
 from pydantic import AfterValidator
 
 Freedom = Literal["none", "axis", "all"]
-"""Where a joint lets its child turn or slide: nowhere, about or along its axis, or in all directions."""
+"""The directions in which a joint's child can turn or slide: none, its axis, or all."""
 
 DEGREES: dict[Freedom, int] = {"none": 0, "axis": 1, "all": 3}
 
@@ -71,12 +71,12 @@ REVOLUTE = JointKind("revolute", "R", "axis", "none")
 PRISMATIC = JointKind("prismatic", "P", "none", "axis")
 SPHERICAL = JointKind("spherical", "S", "all", "none")
 SCREW = JointKind("screw", "C", "axis", "axis")
-"""A joint whose kind is not decided yet: it may turn about its axis and slide along it."""
+"""A joint of undecided kind, which may turn about its axis and slide along it."""
 FREE = JointKind("free", "F", "all", "all")
-"""How a root moves in the world that nothing holds."""
+"""The free motion of a root in the world."""
 
 JOINT_KINDS: dict[str, JointKind] = {kind.name: kind for kind in (REVOLUTE, PRISMATIC, SPHERICAL)}
-"""The kinds that a fitted model may have, by name. A kind that is added here can be fitted, posed and exported."""
+"""The kinds that a fitted model may have, by name. A kind added here can be fitted, posed and exported."""
 
 
 def joint_kind(name: str) -> JointKind:

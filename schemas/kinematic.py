@@ -17,7 +17,7 @@ def _screw_or_decided(name: str) -> str:
 
 
 LinkType = Annotated[str, AfterValidator(_screw_or_decided)]
-"""The name of a joint's kind; "screw" until the final fit decides."""
+"""The name of a joint's kind, which is "screw" until the final fit decides."""
 
 CONFIDENCES = ("part", "link", "type")
 
@@ -50,7 +50,7 @@ class KinematicModel(Artifact):
     e_spatial: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
     e_1dof: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
     confidence: Annotated[Float64[np.ndarray, "joints 3"] | None, Unit("1"), Within(0, 1)] = Field(
-        default=None, description="from 0, as good as another explanation, to 1, sure; columns as in CONFIDENCES"
+        default=None, description="from 0 (another explanation is as good) to 1 (certain); columns as in CONFIDENCES"
     )
     energies: dict[str, float] = Field(description="E_project, E_group, E_recons, ... of the whole model")
 

@@ -19,13 +19,13 @@ class Provenance(Schema):
     dataset: Name
     sequence: Name
     key: Name = Field(description="hash of stage, version, own settings, parameters, upstream keys and seed")
-    parameters: dict[str, Any] = Field(description="what tells this task from others of its stage")
+    parameters: dict[str, Any] = Field(description="what distinguishes this task from others of its stage")
     config: dict[str, Any] = Field(description="the resolved configuration of the whole run that wrote this")
-    upstream: dict[str, Name] = Field(description="keys of what was read; for ingest the source's digest")
+    upstream: dict[str, Name] = Field(description="keys of the artifacts read; for ingest the source's digest")
     seed: int
     created: datetime
     seconds: dict[str, float] = Field(description="time spent reading the inputs and computing")
-    peak_memory_mib: float | None = Field(default=None, description="most memory that the task's process held, MiB")
+    peak_memory_mib: float | None = Field(default=None, description="peak memory of the task's process, MiB")
     packages: dict[str, str] = Field(description="versions of Python and of the packages that matter")
 
 
@@ -57,6 +57,6 @@ class Failure(Schema):
     key: str
     error: str = Field(description="the exception's type")
     message: str
-    bad_input: bool = Field(description="the cause is something the user gave, not a defect of the program")
+    bad_input: bool = Field(description="the cause is the user's input, not a defect of the program")
     time: datetime
     log: str

@@ -21,7 +21,7 @@ class JointMetrics(Schema):
     state_error: float | None = Field(
         default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
     )
-    confidence: float | None = Field(default=None, description="the model's least, of the predicted joint")
+    confidence: float | None = Field(default=None, description="the least of the predicted joint's confidences")
 
 
 class JointVerdict(Schema):
@@ -49,13 +49,13 @@ class Metrics(Artifact):
         default=None,
         description="share of observable points: only their own part can move them as the frames show",
     )
-    ari_told: float | None = Field(default=None, description="ARI over observable points; None where there are none")
-    untold_parts: tuple[str, ...] = Field(default=(), description="true parts of which hardly a point is observable")
+    ari_told: float | None = Field(default=None, description="ARI over observable points; None if there are none")
+    untold_parts: tuple[str, ...] = Field(default=(), description="true parts with hardly any observable point")
     tree_edit_distance: int | None = None
     recon: float | None = None
     recon_percent: float | None = None
     recon_of_motion_percent: float | None = Field(
-        default=None, description="recon in % of the points' mean true way from the canonical frame"
+        default=None, description="recon in % of the points' mean true motion from the canonical frame"
     )
     epe: float | None = None
     epe_percent: float | None = None
@@ -67,5 +67,5 @@ class Metrics(Artifact):
     joint_type_accuracy: float | None = None
     joints: tuple[JointMetrics, ...] = ()
     verdicts: tuple[JointVerdict, ...] = Field(
-        default=(), description="of every predicted joint, where model and truth tell"
+        default=(), description="of every predicted joint that has a confidence, if the true joints are known"
     )

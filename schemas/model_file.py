@@ -28,7 +28,7 @@ else:
 
 Vector = tuple[float, float, float]
 Numbers = float | tuple[float, ...]
-"""A number for each degree of freedom of a joint; a plain one where there is one only."""
+"""One number for each degree of freedom of a joint: a plain number for one, a tuple for several."""
 
 
 def are(numbers: Numbers, count: int) -> bool:
@@ -124,7 +124,7 @@ class ModelFile(Schema):
 
     format: Literal["rearticulate/model"] = "rearticulate/model"
     version: Literal[1, 2] = 1
-    json_sha256: str | None = Field(default=None, description="of this very file, with zeros in the digest's place")
+    json_sha256: str | None = Field(default=None, description="of this file, with zeros in place of the digest")
     npz_sha256: str | None = Field(default=None, description="of model.npz")
     units: LengthUnit
     frames: int = Field(gt=0)

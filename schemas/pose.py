@@ -40,7 +40,7 @@ class Pose(Schema):
     undetermined: tuple[str, ...] = ()
     base_undetermined: bool = False
     at_limit: tuple[str, ...] = ()
-    targets: TargetFit | None = Field(default=None, description="where the pose was found by targets")
+    targets: TargetFit | None = Field(default=None, description="only if the pose was found by targets")
 
     @model_validator(mode="after")
     def _check_root(self) -> Self:

@@ -23,7 +23,7 @@ class RelaxedModel(Artifact):
     labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
     Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid()]
     energy_history: Annotated[Float64[np.ndarray, "records energies"], Unit("normalised")] = Field(
-        description="what the solver lowered, over the run; a column for each of `energy_names`"
+        description="the solver's energies over the run; a column for each of `energy_names`"
     )
     energy_names: tuple[str, ...] = RECONSTRUCTION_ENERGIES
     solver: str

@@ -15,4 +15,4 @@ class Report(Artifact):
     """Residuals of every part in every frame: RMS nearest distances between model and frame."""
 
     residuals: Annotated[Float64[np.ndarray, "frames parts"], Unit("% of the diagonal"), Within(0, 1e15)]
-    sampling: float = Field(description="what a perfect model would leave, since frames are sampled independently: %")
+    sampling: float = Field(description="residual of a perfect model, due to independent sampling, %")

@@ -34,14 +34,14 @@ class RobotLink(Schema):
     """
 
     name: str
-    points: int = Field(description="the surface points that its mesh was made of")
+    points: int = Field(description="number of surface points that its mesh was made from")
     origin: Vector = Field(description="of its frame, in the canonical frame's coordinates")
     mass: float = Field(gt=0)
     centre: Vector = Field(description="of mass, in the link's frame")
     inertia: tuple[float, float, float, float, float, float] = Field(
         description="ixx, iyy, izz, ixy, ixz, iyz about the centre of mass"
     )
-    solid: SolidKind = Field(description="whose volume mass and inertia are of")
+    solid: SolidKind = Field(description="the volume that gives mass and inertia")
 
 
 class RobotJoint(Schema):
@@ -70,17 +70,17 @@ class Robot(Artifact):
     name: str
     metres_per_unit: float
     size: float = Field(description="the diagonal of the canonical points' box, metres")
-    units: str = Field(description="of the model's coordinates, as far as it tells")
+    units: str = Field(description="of the model's coordinates, if known")
     canonical_frame: int
     root: int
     free_base: bool
     density: float
-    remarks: tuple[str, ...] = Field(default=(), description="what the user should know, one line each")
+    remarks: tuple[str, ...] = Field(default=(), description="remarks for the user, one line each")
     links: tuple[RobotLink, ...]
     joints: tuple[RobotJoint, ...]
     meshes: tuple[RobotMesh, ...]
     vertices: Annotated[Float64[np.ndarray, "all_vertices 3"], Unit("metre")] = Field(description="in links' frames")
-    triangles: Annotated[Int64[np.ndarray, "all_triangles 3"], Unit("index")] = Field(description="from each mesh's 0")
+    triangles: Annotated[Int64[np.ndarray, "all_triangles 3"], Unit("index")] = Field(description="per mesh, from 0")
     touching: Annotated[Int64[np.ndarray, "pairs 2"], Unit("index")] = Field(
         description="links whose collision meshes overlap in the canonical frame, and linked ones"
     )

@@ -50,7 +50,7 @@ class Figures(Schema):
     recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None
     recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
     recon_of_motion_percent: Annotated[float | None, Measure("recon / motion", "%", 2, "lower")] = Field(
-        default=None, description="% of the mean true way from the canonical frame"
+        default=None, description="% of the mean true motion from the canonical frame"
     )
     epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
     epe_percent: Annotated[float | None, Measure("EPE", "%", better="lower")] = None
@@ -86,7 +86,7 @@ class Figures(Schema):
         default=None, description="of all stages"
     )
     peak_memory_mib: Annotated[float | None, Measure("memory", "MiB", 0, "lower")] = Field(
-        default=None, description="of the hungriest stage"
+        default=None, description="of the stage with the most"
     )
 
 

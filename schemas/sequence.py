@@ -103,14 +103,14 @@ class GroundTruth(Artifact):
 
     labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index"), Within(0, "parts")]
     Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
-        description="takes a point of part p from where it is in frame 0 to where it is in frame t"
+        description="maps a point of part p from its position in frame 0 to that in frame t"
     )
     Ts_novel_first: Annotated[Float64[np.ndarray, "states parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
         description="the same for unseen states, for the reanimation metric"
     )
     parent: Annotated[Int64[np.ndarray, "parts"], Unit("index"), Within(-1, "parts")]
     part_names: tuple[str, ...]
-    joints: tuple[TrueJoint, ...] = Field(description="empty where the source does not tell them")
+    joints: tuple[TrueJoint, ...] = Field(description="empty if the source does not define them")
 
     @model_validator(mode="after")
     def _check_tree(self) -> Self:

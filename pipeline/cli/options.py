@@ -146,7 +146,7 @@ def name_failures(outcome: launch.Outcome) -> None:
         print(f"error: {outcome.died}{again}", file=sys.stderr)
     elif not outcome.failures and not outcome.planned:
         print(
-            "error: none of the sequences is to be had on this machine; the warnings tell how to get them",
+            "error: none of the sequences is available on this machine; the warnings say how to get them",
             file=sys.stderr,
         )
     elif not outcome.failures and outcome.incomplete():

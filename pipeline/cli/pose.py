@@ -27,7 +27,7 @@ def pose(
     targets: Annotated[
         Path | None,
         typer.Option(
-            help="Points of the canonical frame and where they are to lie, from one pair up: .csv with the columns "
+            help="Points of the canonical frame and their targets, at least one pair: .csv with the columns "
             "source_x, source_y, source_z, target_x, target_y, target_z; .json or .npz with source and target, (N, 3)."
         ),
     ] = None,
@@ -110,7 +110,7 @@ def show(pose: Pose, model: ModelFile, console: Console) -> None:
         table.add_row(escape(joint.name), joint.type, state, observed_range(joint, length), remark)
     console.print(table)
     if pose.base_undetermined:
-        console.print("the targets do not tell all of the base's motion")
+        console.print("the targets do not determine all of the base's motion")
     if pose.targets is not None:
         count, fit = len(pose.targets.residuals), pose.targets
         console.print(f"{count} targets, missed by {fit.rms:.4g} {length} RMS, {fit.greatest:.4g} {length} at most")

@@ -101,7 +101,7 @@ def _digest(path: Path) -> str | None:
 
 
 def _recorded(folder: Path) -> dict[str, str]:
-    """The digests of what was delivered before; none where nothing was. Raises InputError for a damaged record."""
+    """The digests of an earlier delivery; none without one. Raises InputError for a damaged record."""
     record = folder / RECORD
     return _read(record) if record.is_file() and not record.is_symlink() else {}
 
@@ -112,7 +112,7 @@ def _record(folder: Path, digests: Mapping[str, str]) -> None:
 
 
 def _read(path: Path) -> dict[str, str]:
-    """The digests of a record. Raises InputError where there is none, and for a damaged one."""
+    """Read the digests of a record. Raises InputError if the record is missing or damaged."""
     remedy = "remove it, and give the command that filled this folder again"
     try:
         content = path.read_bytes()

@@ -37,7 +37,7 @@ class Event(Schema):
     task: str = ""
     artifact: str = ""
     complete: bool = False
-    origin: dict[str, str] = Field(default={}, description="what a planned sequence shows, as `plan.origin_of` tells")
+    origin: dict[str, str] = Field(default={}, description="what a planned sequence shows, from `plan.origin_of`")
     done: int = 0
     total: int = 0
     energy: float | None = None

@@ -1,3 +1,3 @@
-"""Ingest: files, or a dataset's own format, to a sequence of frames with scale and centre known."""
+"""Ingest: convert files or a data set to a normalised sequence of frames with known scale and centre."""
 
 VERSION = 1  # raise it when the same input gives other results: what was made before is made anew

@@ -1,6 +1,6 @@
 """Sequences in which point i is the same surface point in every frame, such as registrations of scans.
 
-Each frame is sampled anew, as if it had been scanned, and the correspondence tells the true motion of every sample.
+Each frame is sampled anew, as if by a scanner. The correspondence gives the true motion of every sample.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from stages.ingest.tracks import normalise_surface, sample_frames, sample_vertic
 
 _log = logging.getLogger("rearticulate.ingest")
 
-# neighbours are none where the middle pair lies so many times as far apart as in the first frame, and as any pair
+# Points do not correspond if the median distance of neighbours exceeds _TORN times that in the first frame and
+# _TORN_SHARE of that between arbitrary points.
 _TORN, _TORN_SHARE = 3.0, 0.3
-_CHECKED = 2000  # points whose neighbours are looked at
-_LEAST_SPACING = 1e-4  # of the diagonal, where points coincide
+_CHECKED = 2000  # points whose neighbours are checked
+_LEAST_SPACING = 1e-4  # least spacing as a share of the diagonal, for coinciding points
 
 Vertices = Float64[np.ndarray, "frames vertices 3"]
 Triangles = Int64[np.ndarray, "triangles 3"]
@@ -36,10 +37,10 @@ Triangles = Int64[np.ndarray, "triangles 3"]
 def read_corresponding(
     path: Path, truth: Path | None, config: IngestConfig, rng: np.random.Generator
 ) -> IngestedSequence:
-    """The frames of a file or folder, of which those that `config` takes are sampled anew, with their true surface.
+    """Read corresponding frames, sample the chosen ones anew, and keep their surface as the truth.
 
-    The triangles are those of the first .ply, or the array `faces` of the .npz; where there are none, samples are some
-    of the points. Raises InputError where the frames cannot be read or their points do not correspond.
+    The triangles come from the first .ply, or from the array `faces` of the .npz. Without triangles the samples are
+    drawn from the points. Raises InputError if the frames cannot be read or their points do not correspond.
     """
     if truth is not None:
         _log.warning("%s: left out, since the points' correspondence stands for the truth (ingest.correspond)", truth)
@@ -60,7 +61,7 @@ def read_corresponding(
 
 
 def chosen_frames(count: int, config: IngestConfig, where: str) -> range:
-    """The frames that are used of `count`. Raises InputError where that is not at least two."""
+    """Choose the frames to use from `count`. Raises InputError if there are fewer than two."""
     settings = config.registrations
     chosen = range(settings.first, count, config.every)[: settings.frames]
     if len(chosen) < 2:
@@ -79,7 +80,7 @@ def sampled_sequence(
     units: LengthUnit,
     rng: np.random.Generator,
 ) -> IngestedSequence:
-    """A sequence whose frames are sampled from a surface with known points, with that as the truth of its motion.
+    """Sample a sequence from a surface with known vertices in every frame, which becomes the truth of its motion.
 
     Raises InputError for coordinates that are NaN or infinite, and for points that do not correspond.
     """
@@ -106,7 +107,7 @@ def _check_finite(vertices: Vertices, names: Sequence[str]) -> None:
 
 
 def _check_neighbours(vertices: Vertices, names: Sequence[str]) -> None:
-    """Raise InputError unless points that are neighbours in the first frame stay so: those of a surface do."""
+    """Raise InputError unless neighbours in the first frame remain neighbours, as on one surface."""
     first = vertices[0]
     if len(first) < 2:
         return
@@ -127,7 +128,7 @@ def _check_neighbours(vertices: Vertices, names: Sequence[str]) -> None:
 def _apart(
     vertices: Vertices, index: Int64[np.ndarray, "pairs"], other: Int64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "frames"]:
-    """The distance of the middle one of pairs, in every frame."""
+    """The median distance of pairs of points, in every frame."""
     distances: Float64[np.ndarray, "frames"] = np.median(
         np.linalg.norm(vertices[:, index] - vertices[:, other], axis=-1), axis=1
     )

@@ -1,4 +1,4 @@
-"""The sequences of D-FAUST, or of files like its: which there are, and how one becomes frames with a true surface."""
+"""The sequences of D-FAUST, or of similar files, as frames with a true surface."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RegisteredSource:
         return sequence_digest(self.path, self.entry)
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The chosen frames, sampled anew, as a normalised sequence with its true surface."""
+        """Sample the chosen frames anew, as a normalised sequence with its true surface."""
         from stages.ingest.corresponding import chosen_frames, sampled_sequence
 
         where = f"{self.path}: {self.entry}"
@@ -40,7 +40,7 @@ class RegisteredSource:
 
 
 def registered_sources(data: Path) -> list[RegisteredSource]:
-    """The sequences of an HDF5 file, or of those in a folder. Raises InputError for none, and for two of a name."""
+    """List the sequences of an HDF5 file or of a folder of them. Raises InputError for none, or for repeated names."""
     files = [data]
     if is_folder(data):
         files = [file for file in visible_files(data) if file.suffix.lower() in SUFFIXES]

@@ -1,4 +1,4 @@
-"""Where sequences come from: files of the user's, or the RoboArt builder, which takes any description."""
+"""The sources of sequences: the user's files, robot descriptions, people, and registrations."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ class Source(Protocol):
 
     @property
     def name(self) -> str:
-        """The sequence's name, which is safe as a part of a path."""
+        """The sequence's name, which is safe in a path."""
 
     def digest(self) -> str:
-        """A SHA-256 (hex) of everything that `load` reads. Cheap, without torch or Open3D."""
+        """SHA-256 (hex) of everything that `load` reads. It is cheap, and imports neither torch nor Open3D."""
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The sequence in the normalised frame. Raises InputError where it cannot be used."""
+        """Load the sequence in the normalised frame. Raises InputError if it cannot be used."""
 
 
 @dataclass(frozen=True)
 class FileSource:
-    """A folder of frames or one array, and the ground truth's file or folder where there is one."""
+    """A folder of frames or one array, and the file or folder of the ground truth if there is one."""
 
     name: str
     frames_path: Path
@@ -61,7 +61,7 @@ class FileSource:
     def digest(self) -> str:
         """SHA-256 (hex) of the contents and names of the frames and of the ground truth.
 
-        What is missing or wrong is left to `load` to report. Raises InputError for an unreadable file.
+        `load` reports missing and invalid content. Raises InputError for an unreadable file.
         """
         frames = frame_files(self.frames_path) if is_folder(self.frames_path) else [self.frames_path]
         truth = truth_files(self.truth_path) if self.truth_path else []
@@ -72,7 +72,7 @@ class FileSource:
         return total.hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The frames as a normalised sequence, with the ground truth that lies beside them, or that they are."""
+        """Load the frames as a normalised sequence, with the ground truth beside them or in their correspondence."""
         if config.correspond:
             from stages.ingest.corresponding import read_corresponding
 
@@ -81,7 +81,7 @@ class FileSource:
             frames = read_frames(self.frames_path, config.every, config.max_points)
             _hint_at_every(len(frames))
             return IngestedSequence(sequence=normalise(frames, config, config.units))
-        frames = read_frames(self.frames_path, 1, config.max_points)  # all, since the truth is of all
+        frames = read_frames(self.frames_path, 1, config.max_points)  # all frames, since the truth is for all
         kept = _every(frames, config.every)
         _hint_at_every(len(kept))
         sequence = normalise(kept, config, config.units)
@@ -91,7 +91,7 @@ class FileSource:
 
 @dataclass(frozen=True)
 class DescribedSource(ABC):
-    """A sequence that the RoboArt builder makes from a description; `variant` counts the sequences of one thing."""
+    """A sequence that the RoboArt builder makes from a description. `variant` numbers the sequences of one object."""
 
     name: str
     thing: str
@@ -99,13 +99,13 @@ class DescribedSource(ABC):
 
     @abstractmethod
     def description(self) -> Description:
-        """Where the description lies. Raises InputError as `digest`."""
+        """Find the description. Raises InputError as `digest` does."""
 
     def digest(self) -> str:
         """SHA-256 (hex) of the description and the sequence's variant.
 
-        Raises UnavailableError, which tells how to get it, for a description that this machine lacks, and InputError
-        for one that is not XML or lacks a mesh.
+        Raises UnavailableError for a description that this machine lacks, with a message that says how to get it.
+        Raises InputError for one that is not XML or lacks a mesh.
         """
         from stages.ingest.roboart import description_digest
 
@@ -115,7 +115,8 @@ class DescribedSource(ABC):
         """The sampled frames as a normalised sequence, in metres, with full ground truth."""
         from stages.ingest.roboart import build_from_urdf
 
-        # all things of one build would move alike from one stream; a variant stays, however many there are
+        # each object and variant has its own stream, so that objects move differently and variants do not depend on
+        # their number
         own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.thing.encode()), self.variant])
         found = self.description()
         points, truth = build_from_urdf(found.urdf_path, found.mesh_dirs, config.roboart, own_rng)
@@ -127,7 +128,7 @@ class DescribedSource(ABC):
 
 @dataclass(frozen=True)
 class RoboartSource(DescribedSource):
-    """A sequence of one of RoboArt's robots; `assets` is a folder of descriptions that is searched first."""
+    """A sequence of one of RoboArt's robots. `assets` is a folder of descriptions, which is searched first."""
 
     assets: Path | None = None
 
@@ -139,7 +140,7 @@ class RoboartSource(DescribedSource):
 
 @dataclass(frozen=True)
 class UrdfSource(DescribedSource):
-    """A sequence of a thing of the user's own, moved and sampled as RoboArt's robots are."""
+    """A sequence of the user's own object, moved and sampled as RoboArt's robots are."""
 
     own: Description
 
@@ -149,12 +150,12 @@ class UrdfSource(DescribedSource):
 
 @dataclass(frozen=True)
 class HumanSource:
-    """A sequence of a moving person, whom the name alone determines."""
+    """A sequence of a moving person, which the name alone determines."""
 
     name: str
 
     def digest(self) -> str:
-        """SHA-256 (hex) of the name and of the body model's version. Raises InputError where that is not installed."""
+        """SHA-256 (hex) of the name and of the body model's version. Raises InputError if it is not installed."""
         from stages.ingest.humans.assets import model_version
         from stages.ingest.humans.catalogue import EDITION
 
@@ -178,13 +179,13 @@ class HumanSource:
 
 
 def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
-    """Every `step`-th frame, from the first on. Raises InputError where that leaves only one of several."""
+    """Every `step`-th frame, from the first on. Raises InputError if that leaves only one of several."""
     check_every(len(frames), step)
     return frames[::step]
 
 
 def _hint_at_every(count: int) -> None:
-    """Say, where there are many frames, that not all of them are needed."""
+    """Suggest to use fewer frames if there are many."""
     if count > _MANY_FRAMES:
         _log.warning(
             "%d frames take about %d minutes or more; a few dozen do as well: --set ingest.every=%d takes every %d-th",
@@ -196,20 +197,22 @@ def _hint_at_every(count: int) -> None:
 
 
 def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
-    """The sequences of a configuration, by name in natural order.
+    """The sequences of a configuration, in natural order of their names.
 
-    Source "roboart" gives every robot of the data set, whether this machine has its description or not, and
-    takes `data`, or else the environment's REART_ASSETS, as a folder of descriptions NAME/NAME.urdf that is
-    searched first. Source "humans" gives the people of that data set, and "dfaust" the sequences in the HDF5 files of
-    `data`. Source "urdf" gives everything that `own_descriptions` finds in `data`. Source "files" gives `data`
-    itself where it is one sequence, else its sub-folders and .npy or .npz files that are. Raises InputError where
-    there are none.
+    - "roboart": every robot of the data set, even if this machine lacks its description. `data`, or else the
+      environment's REART_ASSETS, is a folder of descriptions NAME/NAME.urdf, which is searched first.
+    - "humans": the people of that data set.
+    - "dfaust": the sequences in the HDF5 files of `data`.
+    - "urdf": all descriptions that `own_descriptions` finds in `data`.
+    - "files": `data` itself if it is one sequence, else its sub-folders and .npy or .npz files that are sequences.
+
+    Raises InputError if there are none.
     """
     if config.source == "humans":
         from stages.ingest.humans.assets import model_version
         from stages.ingest.humans.catalogue import human_names
 
-        model_version()  # where there is none, that is told once rather than of every sequence
+        model_version()  # if it is missing, fail once rather than for every sequence
         return [HumanSource(name) for name in human_names()]
     if config.source == "roboart":
         return _roboart_sources(config.roboart.sequences_per_robot, data)
@@ -274,17 +277,17 @@ def _urdf_sources(per_thing: int, data: Path) -> list[Source]:
 
 
 def _variants(things: Iterable[str], per_thing: int) -> list[tuple[str, str, int]]:
-    """The name, the thing and the variant of every sequence."""
+    """Yield the name, the object and the variant of every sequence."""
     if per_thing == 1:
         return [(thing, thing, 0) for thing in things]
     return [(f"{thing}-{variant}", thing, variant) for thing in things for variant in range(per_thing)]
 
 
 def file_source(path: Path) -> FileSource:
-    """The sequence at `path`, whatever it holds: one array, a folder of frames, or a folder with `frames`.
+    """The sequence at `path`, which is one array, a folder of frames, or a folder that holds a folder `frames`.
 
-    The ground truth is ground_truth.npz beside the frames or beside the folder `frames`, or the original
-    RoboArt's pickles. Nothing is read; a path without frames is reported when it is.
+    The ground truth is ground_truth.npz beside the frames or beside the folder `frames`, or the original RoboArt's
+    pickles. Nothing is read yet. Loading reports a path without frames.
     """
     folder = path.resolve()
     if not is_folder(folder):
@@ -301,7 +304,7 @@ def file_source(path: Path) -> FileSource:
 
 
 def _source_at(entry: Path) -> FileSource | None:
-    """The sequence at an entry of a data set; one that fails when it is loaded where the system tells us nothing."""
+    """The sequence at an entry of a data set. If the system does not allow a check, loading the sequence fails."""
     try:
         if not is_sequence(entry):
             return None

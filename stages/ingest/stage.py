@@ -1,4 +1,4 @@
-"""Ingest: files, or a dataset's own format, to a sequence of frames with scale and centre known."""
+"""Ingest: convert files or a data set to a normalised sequence of frames with known scale and centre."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stages.support.progress import Progress, silent
 def compute_ingest(
     source: Source, config: IngestConfig, rng: np.random.Generator, progress: Progress = silent
 ) -> IngestedSequence:
-    """The sequence that `source` stands for, in the normalised frame. Raises InputError where it cannot be used."""
+    """Load the sequence of a source, in the normalised frame. Raises InputError if it cannot be used."""
     progress(0, 1)
     sequence = source.load(config, rng)
     progress(1, 1)

@@ -1,4 +1,4 @@
-"""Surfaces whose points are known in every frame: how frames are sampled from them, and what is true of the samples."""
+"""Surfaces with known points in every frame, and sampling of frames with ground truth from them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Frames = list[Float64[np.ndarray, "points 3"]]
 
 @dataclass(frozen=True)
 class RawSurface:
-    """The surface in every frame, in input coordinates, and where on it each frame's points lie.
+    """The surface in every frame, in input coordinates, and the places of each frame's points on it.
 
-    Point i of frame t lies at the mean of the three vertices `corners[t][i]` with the weights `weights[t][i]`.
+    Point i of frame t is at the mean of the three vertices `corners[t][i]`, weighted by `weights[t][i]`.
     """
 
     vertices: Float64[np.ndarray, "frames vertices 3"]
@@ -28,7 +28,7 @@ class RawSurface:
     weights: list[Float64[np.ndarray, "points 3"]]
 
     def every(self, step: int) -> RawSurface:
-        """That of every `step`-th frame, from the first on."""
+        """The surface of every `step`-th frame, from the first on."""
         return RawSurface(self.vertices[::step], self.corners[::step], self.weights[::step])
 
 
@@ -38,7 +38,7 @@ def sample_frames(
     points: int,
     rng: np.random.Generator,
 ) -> tuple[Frames, RawSurface]:
-    """Every frame's points, drawn uniformly by area and for each frame anew, and where they lie on the surface."""
+    """Sample every frame independently and uniformly by area. Return the points and their places on the surface."""
     corners, weights = [], []
     for of_frame in vertices:
         chosen, shares = draw_on_triangles(of_frame[triangles], points, rng)
@@ -50,7 +50,7 @@ def sample_frames(
 def sample_vertices(
     vertices: Float64[np.ndarray, "frames vertices 3"], points: int, rng: np.random.Generator
 ) -> tuple[Frames, RawSurface]:
-    """Every frame's points, drawn from the vertices for each frame anew; all of them where there are no more."""
+    """Draw every frame's points independently from the vertices. If there are too few vertices, take all of them."""
     count = vertices.shape[1]
     chosen = [np.sort(rng.permutation(count)[:points]) for _ in vertices]
     corners = [np.repeat(index[:, None], 3, axis=1) for index in chosen]
@@ -64,7 +64,7 @@ def _sampled(surface: RawSurface) -> tuple[Frames, RawSurface]:
 
 
 def normalise_surface(surface: RawSurface, frames: Sequence[Frame], sequence: PointSequence) -> TrueSurface:
-    """The surface of `frames` in the normalised frame of the `sequence` made from them; dropped points lose theirs."""
+    """Convert the surface of `frames` to the normalised frame of their `sequence`, without dropped points."""
     kept = [kept_points(frame) for frame in frames]
     return TrueSurface(
         vertices=(surface.vertices - np.asarray(sequence.centre)) / sequence.scale,

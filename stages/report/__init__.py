@@ -1,3 +1,3 @@
 """Report: one self-contained page of a fitted model."""
 
-VERSION = 2  # raise it when the same input gives other results: what was made before is made anew
+VERSION = 3  # raise it when the same input gives other results: what was made before is made anew

@@ -1,4 +1,4 @@
-"""D-FAUST's registrations: HDF5 files with `faces` and, for each sequence, an array (vertices, 3, frames)."""
+"""D-FAUST's registrations: HDF5 files with `faces` and an array (vertices, 3, frames) for each sequence."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_
 
 SUFFIXES = (".hdf5", ".h5")
 _EXPECTED = "(vertices, 3, frames) of real numbers, as D-FAUST's registrations are"
-_MOST_HASHED = 1 << 30  # bytes of a sequence whose digest is that of its numbers; D-FAUST's largest has 70 MB
+_MOST_HASHED = 1 << 30  # bytes; larger sequences have a digest of the file's time. D-FAUST's largest has 70 MB
 _LARGEST_CHUNK = 1 << 30
 _BLOCK = 256  # vertices
 
 
 def sequence_names(path: Path) -> list[str]:
-    """The sequences of a file. Raises InputError, as all here, where it cannot be read, or holds none."""
+    """The sequences of a file. Raises InputError, as all functions here, if it cannot be read or holds none."""
     with _opened(path) as file:
         names = [name for name, entry in file.items() if name != FACES and hasattr(entry, "shape")]
         if not names:
@@ -34,7 +34,7 @@ def sequence_names(path: Path) -> list[str]:
 
 
 def sequence_digest(path: Path, name: str) -> str:
-    """SHA-256 (hex) of a sequence's numbers and of the faces; of one of enormous size, that of the file's time."""
+    """SHA-256 (hex) of a sequence's numbers and the faces, or of the file's time if the sequence is huge."""
     with _opened(path) as file:
         digest = hashlib.sha256()
         for entry in (_entry(file, name, path), file.get(FACES)):
@@ -59,7 +59,7 @@ def frame_count(path: Path, name: str) -> int:
 def read_registrations(
     path: Path, name: str, frames: range, most: int
 ) -> tuple[Float64[np.ndarray, "frames vertices 3"], Int64[np.ndarray, "triangles 3"] | None]:
-    """The vertices of a sequence's chosen frames, and the triangles where the file has them.
+    """Read the vertices of a sequence's chosen frames, and the triangles if the file has them.
 
     More than `most` vertices in these frames are refused before they are read.
     """
@@ -86,7 +86,7 @@ def read_registrations(
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """An open HDF5 file; what goes wrong while it is read is an InputError."""
+    """Open an HDF5 file. Errors while it is read become InputError."""
     h5py = _h5py()
     try:
         with path.open("rb"):
@@ -100,7 +100,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise
     except MemoryError as error:
         raise out_of_memory(path) from error
-    except Exception as error:  # HDF5 has many ways to say that a file is damaged
+    except Exception as error:  # HDF5 raises many kinds of errors for damaged files
         found = "cannot be read as HDF5" if h5py.is_hdf5(path) else "is no HDF5 file"
         raise InputError(
             f"{path}: {found} ({one_line(error)}), expected registrations such as D-FAUST's; download it again"
@@ -126,7 +126,7 @@ def _entry(file: Any, name: str, path: Path) -> Any:
 
 
 def _sequence(file: Any, name: str, path: Path) -> Any:
-    """A sequence's array, which is not read yet."""
+    """The array of a sequence, before it is read."""
     entry = _entry(file, name, path)
     if len(entry.shape) != 3 or entry.shape[1] != 3 or entry.dtype.kind not in "iuf":
         raise InputError(
@@ -136,7 +136,7 @@ def _sequence(file: Any, name: str, path: Path) -> Any:
 
 
 def _check_chunks(entry: Any, path: Path, name: str) -> None:
-    """HDF5 reads whole chunks, however little of them is asked for."""
+    """Raise InputError for huge chunks, since HDF5 always reads whole ones."""
     size = math.prod(entry.chunks or ()) * entry.dtype.itemsize
     if size > _LARGEST_CHUNK:
         raise InputError(

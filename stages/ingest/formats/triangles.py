@@ -1,4 +1,4 @@
-"""The triangles of a surface whose vertices are the points of frames."""
+"""The triangles of a surface whose vertices are the points of each frame."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from schemas.errors import InputError
 from stages.ingest.formats.arrays import load_npz
 
 FACES = "faces"
-_MOST_PER_VERTEX = 4  # a closed surface has two triangles a vertex
+_MOST_PER_VERTEX = 4  # a closed surface has about two triangles per vertex
 
 
 def file_triangles(path: Path, vertices: int, most: int) -> Int64[np.ndarray, "triangles 3"] | None:
-    """The triangles of a .ply, or the array `faces` of an .npz; None where there are none.
+    """Read the triangles of a .ply, or the array `faces` of an .npz; None if there are none.
 
-    Raises InputError for triangles that do not fit so many `vertices`, and for more than `most`.
+    Raises InputError for triangles that do not fit the number of `vertices`, and for more than `most`.
     """
     if path.suffix.lower() == ".ply":
         return _ply_triangles(path, vertices)
@@ -29,7 +29,7 @@ def file_triangles(path: Path, vertices: int, most: int) -> Int64[np.ndarray, "t
 
 
 def checked_triangles(faces: Any, vertices: int, where: str) -> Int64[np.ndarray, "triangles 3"]:
-    """An array of triangles. Raises InputError, naming `where`, for other shapes and numbers of vertices."""
+    """Check an array of triangles. Raises InputError, naming `where`, for a wrong shape or vertices out of range."""
     if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.dtype.kind not in "iuf":
         raise InputError(
             f"{where}: found shape {faces.shape} of {faces.dtype}, expected (triangles, 3) of integers; correct them"
@@ -45,7 +45,7 @@ def checked_triangles(faces: Any, vertices: int, where: str) -> Int64[np.ndarray
 
 
 def _ply_triangles(file: Path, vertices: int) -> Int64[np.ndarray, "triangles 3"] | None:
-    """Polygons are cut into triangles. What Open3D cannot read as triangles of these vertices is none."""
+    """Read a PLY's triangles. Polygons are cut into triangles; None if Open3D cannot read faces of these vertices."""
     import open3d as o3d
 
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):

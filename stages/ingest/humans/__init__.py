@@ -1,4 +1,4 @@
-"""Dataset `humans`: people of different shape who walk, hop, punch and reach, with ground truth from their skeleton."""
+"""Data set `humans`: people of different shape walk, hop, punch and reach. Their skeleton gives the ground truth."""
 
 from stages.ingest.humans.builder import build_human
 from stages.ingest.humans.catalogue import EDITION, human_kind, human_names, human_split

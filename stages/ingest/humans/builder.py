@@ -1,4 +1,4 @@
-"""A sequence of a moving person with ground truth: each frame is sampled anew from the posed skin."""
+"""Sequences of a moving person with ground truth. Each frame is sampled anew from the posed skin."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Frames = list[Float64[np.ndarray, "points 3"]]
 
 
 def build_human(name: str, config: HumansConfig, rng: np.random.Generator) -> tuple[Frames, RawTruth, RawSurface]:
-    """The sequence of a name, in metres, with its true parts, joints and surface.
+    """Build a sequence by its name, in metres, with its true parts, joints and surface.
 
-    The name alone says which person moves how; `rng` draws the points and their noise. Raises InputError where the
-    package with the body model is not installed or damaged.
+    The name alone determines the person and the motion. `rng` draws the points and their noise. Raises InputError if
+    the package with the body model is damaged or not installed.
     """
     body, Ts_world_bone = person(name, config)
     surface = body.skin(Ts_world_bone)
@@ -36,7 +36,7 @@ def build_human(name: str, config: HumansConfig, rng: np.random.Generator) -> tu
 
 
 def person(name: str, config: HumansConfig) -> tuple[Body, Poses]:
-    """The body of a sequence, and where its bones lie in every frame."""
+    """The body of a sequence, and the poses of its bones in every frame."""
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     body = Body.of(Shape.draw(rng))
     seconds = np.arange(config.frames) / config.frames_per_second
@@ -44,7 +44,7 @@ def person(name: str, config: HumansConfig) -> tuple[Body, Poses]:
 
 
 def _true_parts(body: Body, Ts_world_bone: Poses, tracks: RawSurface, division: Division) -> RawTruth:
-    """A point belongs to the part whose bones move it the most, and a part moves as the bone at its joint."""
+    """The true parts. A point belongs to the part whose bones move it most; a part moves as the bone at its joint."""
     weights = body.part_weights(division)
     labels = [
         np.einsum("nk,nkp->np", shares, weights[corners]).argmax(axis=1)
@@ -64,7 +64,7 @@ def _true_parts(body: Body, Ts_world_bone: Poses, tracks: RawSurface, division: 
 
 
 def _true_joint(body: Body, Ts_world_part: Poses, division: Division, part: int) -> TrueJoint:
-    """The ball joint between a part and the one that it hangs on, at the head of the part's bone."""
+    """The ball joint between a part and its parent, at the head of the part's bone."""
     name, parent = division.names[part], int(division.parent[part])
     R = np.swapaxes(Ts_world_part[:, parent, :3, :3], -1, -2) @ Ts_world_part[:, part, :3, :3]
     R_since_first = R @ R[0].T

@@ -1,4 +1,4 @@
-"""The sequences of the data set: every kind of motion by several people, and which of them judge."""
+"""The sequences of the data set: several people for every kind of motion, and the split for testing."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from stages.ingest.humans.motions import KINDS
 
 Split = Literal["train", "test"]
 
-EDITION = 1  # rises where a name comes to mean another sequence
+EDITION = 1  # raise it when names come to mean other sequences
 _PEOPLE = (1, 2, 3)
-_JUDGES = 3  # the person of each kind whose sequence is never tuned on
+_JUDGES = 3  # the person of each kind whose sequence is only used for testing
 
 
 def human_names() -> list[str]:
-    """All sequences, as in walk-1: a kind of motion and a person, who is another one in each sequence."""
+    """The names of all sequences, such as walk-1: a kind of motion and the number of a person of that kind."""
     return [f"{kind}-{person}" for kind in KINDS for person in _PEOPLE]
 
 
@@ -24,5 +24,5 @@ def human_kind(name: str) -> str:
 
 
 def human_split(name: str) -> Split:
-    """`test`, the ten sequences that judge, one of each kind; or `train`, those that settings are tuned on."""
+    """The split: `test` has ten sequences, one of each kind; settings are tuned on `train`, all others."""
     return "test" if name.endswith(f"-{_JUDGES}") else "train"

@@ -1,8 +1,8 @@
-"""How people move: curves of joint angles over time for each kind of motion, made of sines and smooth pulses.
+"""Motions of people: curves of joint angles over time for each kind of motion, made of sines and smooth pulses.
 
-Angles are in degrees, anatomical, and zero for a person who stands with the arms hanging: `flexion` bends forward (of
-a knee, backward; of a foot, up), `abduction` leads away from the middle (of the trunk and the head, to the left), and
-`turn` leads inward (of the trunk and the head, to the right). Time is counted in turns of the motion's period.
+Angles are anatomical, in degrees, and zero for a person who stands with hanging arms. `flexion` bends forward (a knee
+backward, a foot up). `abduction` leads away from the middle (trunk and head to the left). `turn` leads inward (trunk
+and head to the right). Time is in periods of the motion.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from stages.ingest.humans.skeleton import PART_NAMES
 Curve = Float64[np.ndarray, "frames"]
 TURN = 2 * np.pi
 
-# idle sway of each part about three axes: nobody stands quite still, and a part that does could not be told
+# idle sway of each part about three axes, in degrees: a part that does not move could not be identified
 _SWAY = {
     "pelvis": (2.0, 2.0, 4.0),
     "belly": (5.0, 4.0, 5.0),
@@ -35,7 +35,7 @@ _SWAY = {
 
 @dataclass
 class Motion:
-    """The angles of every part against the one that it hangs on, and how far the feet are off the ground (metres)."""
+    """The angles of every part relative to its parent, and the height of the feet above the ground (metres)."""
 
     angles: dict[str, Float64[np.ndarray, "frames 3"]]
     lift: Curve
@@ -47,7 +47,7 @@ class Motion:
             self.angles[part][:, axis] += angle
 
     def add_both(self, part: str, flexion: Curve | float = 0.0, abduction: Curve | float = 0.0) -> None:
-        """The same left and right."""
+        """Add the same angles on the left and the right."""
         for side in "LR":
             self.add(f"{part}.{side}", flexion, abduction)
 
@@ -60,7 +60,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Style:
-    """How one person does it: the size of the motion, and which side leads and which follows."""
+    """A person's style: the amplitude of the motion, the leading side and the following side."""
 
     size: float = 1.0
     lead: str = "R"
@@ -68,13 +68,13 @@ class Style:
 
 
 def pulse(turns: Curve, width: float = 0.5) -> Curve:
-    """A smooth bump of height 1 around every whole turn, which fills about `width` of it."""
+    """A smooth pulse of height 1 around every whole period, which fills a share of about `width` of it."""
     closeness = (1 + np.cos(TURN * turns)) / 2
     return np.asarray(closeness ** (0.5 / width))
 
 
 def idle(turns: Curve, rng: np.random.Generator) -> Motion:
-    """A sway of every part at a pace of its own, and a slow bob of the knees."""
+    """A sway of every part, each at its own pace, and a slow bob of the knees."""
     motion = Motion({part: np.zeros((len(turns), 3)) for part in PART_NAMES}, np.zeros(len(turns)))
     for part in PART_NAMES:
         most = np.array(_SWAY[part.partition(".")[0]])
@@ -229,13 +229,13 @@ KINDS: dict[str, Callable[[Motion, Curve, Style], None]] = {
     "march": _march,
     "twist": _twist,
 }
-# seconds of one turn
+# seconds of one period
 PERIODS = {"walk": 1.9, "hop": 1.5, "kick": 2.2, "jack": 2.2, "march": 1.7, "twist": 2.4}
 _USUAL_PERIOD = 1.6
 
 
 def move(kind: str, seconds: Curve, rng: np.random.Generator) -> Motion:
-    """A motion of a kind at given times; its size, its pace, its start and the leading side are drawn."""
+    """Draw a motion of a kind at given times, with random amplitude, pace, phase and leading side."""
     period = PERIODS.get(kind, _USUAL_PERIOD) * rng.uniform(0.92, 1.12)
     turns = seconds / period + rng.random()
     lead, follow = ("R", "L") if rng.random() < 0.5 else ("L", "R")

@@ -1,4 +1,4 @@
-"""From the angles of a motion to where each bone lies: neutral pose, rotations, and feet that keep to the ground."""
+"""The pose of each bone from the angles of a motion: neutral pose, rotations, and feet that stay on the ground."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from stages.ingest.humans.motions import Motion
 from stages.ingest.humans.skeleton import BENDING, PARTS, Body, Poses, Rotations
 
 _ARM_ABDUCTION = 10.0  # degrees between a hanging upper arm and the vertical
-_ELBOW_STRETCH = 25.0  # degrees that the elbow, bent in the mesh, is stretched by
-_STANDING = 0.03  # metres: of two feet at heights that differ by more, the lower one stands
-_BACKWARD = ("upper_arm", "forearm", "hand", "thigh", "foot")  # a rotation about +x leads these backward
+_ELBOW_STRETCH = 25.0  # degrees by which the mesh's bent elbow is stretched
+_STANDING = 0.03  # metres; if the feet's heights differ by more, the person stands on the lower one
+_BACKWARD = ("upper_arm", "forearm", "hand", "thigh", "foot")  # a rotation about +x moves these backward
 _LIMBS = (*_BACKWARD, "calf")
 
 
 def pose(body: Body, motion: Motion) -> Poses:
-    """Where each bone's points at rest lie in every frame, on a floor at z = 0."""
+    """Each bone's transform from rest in every frame, on a floor at z = 0."""
     Ts_world_bone = body.poses(bone_rotations(body, motion))
     Ts_world_bone[..., :3, 3] += _on_floor(body, Ts_world_bone, motion)[:, None]
     return Ts_world_bone
 
 
 def bone_rotations(body: Body, motion: Motion) -> Rotations:
-    """Each bone's rotation in its parent's frame, from the mesh at rest: the neutral pose, and the motion on top."""
+    """Each bone's rotation in its parent's frame, relative to the mesh at rest: neutral pose, then motion."""
     bones, neutral = body.skeleton.bones, _neutral(body)
     turned = _shared_rotations(motion)
     still = np.eye(3)
@@ -37,7 +37,7 @@ def bone_rotations(body: Body, motion: Motion) -> Rotations:
 
 
 def _shared_rotations(motion: Motion) -> dict[str, Float64[np.ndarray, "frames 3 3"]]:
-    """Each bone's rotation against its parent: that of its part, or its share of one."""
+    """Each bone's rotation relative to its parent: that of its part, or a share of one."""
     rotvecs = {part: _rotation(part, angles).as_rotvec() for part, angles in motion.angles.items()}
     taken = dict.fromkeys(rotvecs, 0.0)
     shared = {}
@@ -50,7 +50,7 @@ def _shared_rotations(motion: Motion) -> dict[str, Float64[np.ndarray, "frames 3
 
 
 def _rotation(part: str, angles: Float64[np.ndarray, "frames 3"]) -> Rotation:
-    """Flexion, abduction and turn as rotations about x (to the left), y (backward) and z (up), in this order."""
+    """Compose flexion, abduction and turn, as rotations about x (left), y (backward) and z (up), in this order."""
     kind, _, side = part.partition(".")
     outward = {"L": -1.0, "R": 1.0}.get(side, 1.0)
     signs = (-1.0 if kind in _BACKWARD else 1.0, outward, outward if kind in _LIMBS else -1.0)
@@ -58,7 +58,7 @@ def _rotation(part: str, angles: Float64[np.ndarray, "frames 3"]) -> Rotation:
 
 
 def _neutral(body: Body) -> dict[str, Float64[np.ndarray, "3 3"]]:
-    """How the arms' bones turn, in the body's axes, from the mesh at rest to a person with hanging arms."""
+    """The rotations of the arms' bones, in the body's axes, from the mesh at rest to hanging arms."""
     neutral = {}
     for side, left in (("L", 1.0), ("R", -1.0)):
         shoulder, elbow = (body.heads[body.skeleton.bone_of(f"{part}.{side}")] for part in ("upper_arm", "forearm"))
@@ -72,7 +72,7 @@ def _neutral(body: Body) -> dict[str, Float64[np.ndarray, "3 3"]]:
 
 
 def _on_floor(body: Body, Ts_world_bone: Poses, motion: Motion) -> Float64[np.ndarray, "frames 3"]:
-    """What moves the body so that its lowest point is as high as `motion.lift` says and the standing foot stays."""
+    """The translation of the body that puts its lowest point at height `motion.lift` and keeps the standing foot."""
     feet = [body.skeleton.bone_of(f"foot.{side}") for side in "LR"]
     Ts_world_foot = Ts_world_bone[:, feet]
     p = np.einsum("fbij,bj->fbi", Ts_world_foot[..., :3, :3], body.heads[feet]) + Ts_world_foot[..., :3, 3]

@@ -20,15 +20,15 @@ WEIGHTS = ("minweight", "averageweight", "maxweight")
 HEIGHTS = ("minheight", "maxheight")
 PROPORTIONS = ("idealproportions", "uncommonproportions")
 ORIGINS = ("african", "asian", "caucasian")
-# bodies are drawn from school age on, and not of the utmost build
+# bodies are of school age or older, and not of extreme build
 _AGE = (0.4, 1.0)
 _BUILD = (0.15, 0.85)
-_HEIGHT = (0.3, 0.6)  # nobody is beyond 2 m
+_HEIGHT = (0.3, 0.6)  # nobody is taller than 2 m
 
 
 @dataclass(frozen=True)
 class Shape:
-    """Each from 0 to 1, and `origins` with a sum of 1. Age: 0 is a baby, 1/3 a child, 2/3 young, 1 old."""
+    """Parameters from 0 to 1; those of `origins` add up to 1. Age: 0 is a baby, 1/3 a child, 2/3 young, 1 old."""
 
     gender: float = 0.5
     age: float = 2 / 3
@@ -40,7 +40,7 @@ class Shape:
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Self:
-        """A body of any gender, age and build."""
+        """Draw a body of any gender, age and build."""
         gender = float(rng.integers(2)) * 0.8 + 0.2 * rng.random()
         age = float(rng.uniform(*_AGE))
         muscle, weight, proportions = rng.uniform(*_BUILD, size=3).tolist()
@@ -50,7 +50,7 @@ class Shape:
 
 
 def shaped_vertices(shape: Shape) -> Float64[np.ndarray, "vertices 3"]:
-    """All vertices of the mesh at rest, in metres: the reference and the shapes that make up this one."""
+    """All vertices of the mesh at rest, in metres: the reference plus the weighted shapes."""
     vertices = base_mesh().vertices.copy()
     for name, share in shape_shares(shape).items():
         vertices += share * shape_offsets(name)
@@ -58,7 +58,7 @@ def shaped_vertices(shape: Shape) -> Float64[np.ndarray, "vertices 3"]:
 
 
 def shape_shares(shape: Shape) -> dict[str, float]:
-    """How much of each of MakeHuman's macro shapes a body has, without those that it has nothing of."""
+    """Yield MakeHuman's macro shapes with their shares in a body, except those without a share."""
     return {name: share for name, share in _shares(shape) if share > 0 and shape_path(name).exists()}
 
 
@@ -67,13 +67,13 @@ def _shares(shape: Shape) -> Iterator[tuple[str, float]]:
     build = (gender, age, _steps(shape.muscle, MUSCLES), _steps(shape.weight, WEIGHTS))
     for words, share in _combined(*build):
         yield f"macrodetails/universal-{words}", share
-        yield f"breast/{words}-averagecup-averagefirmness", share  # there is one of women only
+        yield f"breast/{words}-averagecup-averagefirmness", share  # exists for women only
     for words, share in _combined(dict(zip(ORIGINS, shape.origins, strict=True)), gender, age):
         yield f"macrodetails/{words}", share
     for words, share in _combined(*build, _steps(shape.height, HEIGHTS)):
         yield f"macrodetails/height/{words}", share
     for words, share in _combined(*build, _steps(shape.proportions, PROPORTIONS)):
-        yield f"macrodetails/proportions/{words}", share  # there is none of babies
+        yield f"macrodetails/proportions/{words}", share  # does not exist for babies
 
 
 def _steps(value: float, names: tuple[str, ...]) -> dict[str, float]:
@@ -83,7 +83,7 @@ def _steps(value: float, names: tuple[str, ...]) -> dict[str, float]:
 
 
 def _combined(*mixtures: dict[str, float]) -> Iterator[tuple[str, float]]:
-    """Every combination of one name each, joined by dashes, and the product of their shares where it is not 0."""
+    """Yield each combination of names, joined by dashes, with the product of their shares unless that is 0."""
     for names in product(*mixtures):
         share = float(np.prod([mixture[name] for mixture, name in zip(mixtures, names, strict=True)]))
         if share > 0:

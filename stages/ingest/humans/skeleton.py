@@ -1,4 +1,4 @@
-"""The parts of a body, the bones that move them, and a body as a skin on these bones."""
+"""The parts of a body, the bones that move them, and the body as a skin on these bones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.ingest.humans.shape import Shape, shaped_vertices
 Rotations = Float64[np.ndarray, "frames bones 3 3"]
 Poses = Float64[np.ndarray, "frames bones 4 4"]
 
-# each part, the part that it hangs on, and the bone at whose head they meet
+# part -> (its parent, the bone at whose head they meet)
 PARTS: dict[str, tuple[str, str]] = {
     "pelvis": ("", "root"),
     "belly": ("pelvis", "spine04"),
@@ -33,7 +33,7 @@ PARTS: dict[str, tuple[str, str]] = {
     )
 }
 PART_NAMES = tuple(PARTS)
-# bones that take over a share of the rotation of a part, so that the back, the neck and the shoulders are soft
+# bone -> (part, share of the part's rotation that the bone takes), so that back, neck and shoulders bend softly
 BENDING: dict[str, tuple[str, float]] = {
     "spine03": ("belly", 0.4),
     "spine01": ("chest", 0.35),
@@ -43,14 +43,14 @@ BENDING: dict[str, tuple[str, float]] = {
 }
 PART_BONES = tuple(bone for _, bone in PARTS.values())
 _MOVING = frozenset((*PART_BONES, *BENDING))
-# parts that a coarser level of detail leaves to those that they hang on
+# parts that belong to their parents at the coarse level of detail
 _DETAILS = ("belly", "chest", "hand", "foot")
-_ROOT, _ROOT_HEAD = "root", "spine05"  # the rig's own root lies at no joint
+_ROOT, _ROOT_HEAD = "root", "spine05"  # the rig's own root is not at a joint
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """The bones that move, parents first: what each hangs on (-1: nothing), and its part."""
+    """The bones that move, parents first, with the parent (-1 for the root) and the part of each."""
 
     bones: tuple[str, ...]
     parent: Int64[np.ndarray, "bones"]
@@ -58,7 +58,7 @@ class Skeleton:
 
     @classmethod
     def of(cls, whole: Rig) -> Self:
-        """A bone that does not move belongs to its nearest ancestor that does, and likewise for parts."""
+        """Reduce a rig to its moving bones. The nearest moving ancestor is the parent and determines the part."""
         bones = tuple(sorted(_MOVING, key=lambda bone: (len(_ancestors(bone, whole)), bone)))
         above = [next((a for a in _ancestors(bone, whole) if a in _MOVING), None) for bone in bones]
         owner = [next(a for a in (bone, *_ancestors(bone, whole)) if a in PART_BONES) for bone in bones]
@@ -69,13 +69,13 @@ class Skeleton:
         )
 
     def bone_of(self, part: str) -> int:
-        """The bone that a part moves with, at whose head it meets the one that it hangs on."""
+        """The bone that moves a part. The part meets its parent at the bone's head."""
         return self.bones.index(PARTS[part][1])
 
 
 @dataclass(frozen=True)
 class Division:
-    """The parts at a level of detail: what each hangs on (-1: nothing), and the one that has each of `PARTS`."""
+    """The parts at a level of detail: the parent of each (-1 for the root), and the owner of each of `PARTS`."""
 
     names: tuple[str, ...]
     parent: Int64[np.ndarray, "parts"]
@@ -83,7 +83,7 @@ class Division:
 
     @classmethod
     def at(cls, detail: Literal["fine", "coarse"]) -> Self:
-        """A part that is none at this level belongs to the nearest that it hangs on."""
+        """The division at a level. A part that is missing there belongs to its nearest ancestor at this level."""
         names = tuple(name for name in PARTS if detail == "fine" or name.partition(".")[0] not in _DETAILS)
 
         def owner(name: str) -> int:
@@ -99,7 +99,7 @@ class Division:
 
 @dataclass(frozen=True)
 class Body:
-    """A skin at rest (metres, z up, facing -y, the left side at +x) and the skeleton that moves it."""
+    """A skin at rest (metres, z up, facing -y, left side at +x) and the skeleton that moves it."""
 
     vertices: Float64[np.ndarray, "vertices 3"]
     triangles: Int64[np.ndarray, "triangles 3"]
@@ -109,7 +109,7 @@ class Body:
 
     @classmethod
     def of(cls, shape: Shape) -> Self:
-        """The body of a shape. Raises InputError where the package with the model is not installed or damaged."""
+        """Make the body of a shape. Raises InputError if the package with the model is damaged or not installed."""
         whole, skeleton = rig(), Skeleton.of(rig())
         everywhere = shaped_vertices(shape)
         skin, corners = np.unique(base_mesh().triangles, return_inverse=True)
@@ -123,7 +123,7 @@ class Body:
         )
 
     def poses(self, rotations: Rotations) -> Poses:
-        """Where each bone's points at rest lie, when each turns by `rotations` about its head in its parent's frame."""
+        """Each bone's transform from rest. Each bone turns by `rotations` about its head, in its parent's frame."""
         T_parent_bone = np.tile(np.eye(4), (*rotations.shape[:2], 1, 1))
         T_parent_bone[..., :3, :3] = rotations
         T_parent_bone[..., :3, 3] = self.heads - np.einsum("fbij,bj->fbi", rotations, self.heads)
@@ -142,14 +142,14 @@ class Body:
         return skinned
 
     def part_weights(self, division: Division) -> Float64[np.ndarray, "vertices parts"]:
-        """How much of each vertex's motion is that of a part's bones."""
+        """The share of each vertex's motion that is due to each part's bones."""
         weights = np.zeros((len(self.vertices), len(division.names)))
         np.add.at(weights.T, division.owner[self.skeleton.part], self.weights.T)
         return weights
 
 
 def _ancestors(bone: str, whole: Rig) -> list[str]:
-    """What a bone hangs on, and so on up to the root."""
+    """Yield a bone's ancestors up to the root."""
     above = []
     while bone := whole.parent[bone]:
         above.append(bone)
@@ -157,7 +157,7 @@ def _ancestors(bone: str, whole: Rig) -> list[str]:
 
 
 def _weights(whole: Rig, skeleton: Skeleton, vertices: int) -> Float64[np.ndarray, "vertices bones"]:
-    """The rig's weights, gathered on the bones that move; they add up to one at each vertex that has any."""
+    """The rig's weights, summed over to the moving bones. They add up to one at each vertex that has any."""
     gathered = np.zeros((vertices, len(skeleton.bones)))
     for name, rows in whole.weights.items():
         mover = next(bone for bone in (name, *_ancestors(name, whole)) if bone in _MOVING)
