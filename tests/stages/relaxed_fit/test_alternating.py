@@ -5,7 +5,7 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import AlternatingConfig, RelaxedFitConfig
-from stages.kernels.alignment.registration import Registration
+from stages.kernels.alignment.registration import TRUNCATION, Registration
 from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
 from stages.relaxed_fit.alternating import (
     Parts,
@@ -133,3 +133,7 @@ def test_a_small_part_that_touches_no_other_stays(hinge):
     graph = SurfaceGraph(400, problem.graph.edges[inside], problem.graph.lengths[inside])
     absorbed = absorb_small_parts(parts, replace(problem, graph=graph))
     np.testing.assert_array_equal(absorbed.labels, parts.labels)
+
+
+def test_the_final_fit_truncates_costs_as_the_relaxed_fit_does_by_default():
+    assert AlternatingConfig().truncation == TRUNCATION
