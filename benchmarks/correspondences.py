@@ -27,16 +27,16 @@ from jaxtyping import Float64
 from pydantic import ValidationError
 from run import FOLDER, Machine, commit, machine
 
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
 from schemas.artifact import Schema
 from schemas.config import FlowConfig, RoboartConfig
 from schemas.errors import InputError
-from stages.flow import ESTIMATORS, Estimator, PairFlow
+from schemas.joints import REVOLUTE, JointKind
+from stages.flow.stage import ESTIMATORS, Estimator, PairFlow
 from stages.flow.trajectories import interpolate
 from stages.ingest.roboart import build_from_urdf
 from stages.ingest.roboart.descriptions import Description, own_descriptions, robot_description
-from stages.ingest.roboart.urdf import JointKind
 from stages.ingest.truth import RawTruth
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree
@@ -124,7 +124,7 @@ def stepping(step: float) -> Callable[..., np.ndarray]:
 
     def sweep(kind: JointKind, limits: np.ndarray, config: RoboartConfig, rng: np.random.Generator) -> np.ndarray:
         lower, upper = limits
-        wanted = step if kind == "revolute" else (upper - lower) / 2 * step / (np.pi / 2)
+        wanted = step if kind == REVOLUTE else (upper - lower) / 2 * step / (np.pi / 2)
         size = min(wanted, upper - lower)
         start = rng.uniform(0, max(upper - lower - size, 0))
         path = [rng.choice([lower + start, upper - start])]

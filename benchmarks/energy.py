@@ -12,19 +12,18 @@ import time
 from pathlib import Path
 
 import numpy as np
-import torch
 from run import facts
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.flow import Flow
 from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence
-from stages.flow import estimate_flow
-from stages.ingest import ingest
+from stages.flow.stage import compute_flow
 from stages.ingest.sources import file_source
-from stages.kernels.motion import se3
-from stages.relaxed_fit import fit_relaxed
+from stages.ingest.stage import compute_ingest
+from stages.kernels.motion.rigid_motion import move_points
 from stages.relaxed_fit.reconstruction_energy import EnergyTerms, ReconstructionEnergy
+from stages.relaxed_fit.stage import compute_relaxed_fit
 from stages.support.progress import silent
 
 
@@ -36,13 +35,13 @@ def main(words: list[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     rng = np.random.default_rng(0)
     config = load_config(["scans", "paper"])
-    sequence = ingest(file_source(arguments.frames), config.ingest, rng, silent).sequence
-    flow = estimate_flow(sequence, config.flow, rng)
+    sequence = compute_ingest(file_source(arguments.frames), config.ingest, rng, silent).sequence
+    flow = compute_flow(sequence, config.flow, rng)
     gumbel = config.relaxed_fit.gumbel.model_copy(update={"iterations": arguments.iterations})
     for solver in ("alternating", "gumbel"):
         settings = config.relaxed_fit.model_copy(update={"solver": solver, "gumbel": gumbel})
         clock = time.perf_counter()
-        model = fit_relaxed(sequence, flow, sequence.frame_count // 2, settings, np.random.default_rng(0))
+        model = compute_relaxed_fit(sequence, flow, sequence.frame_count // 2, settings, np.random.default_rng(0))
         seconds = time.perf_counter() - clock
         terms = energy(model, sequence, flow).row()
         named = zip(RECONSTRUCTION_ENERGIES, terms, strict=True)
@@ -56,8 +55,7 @@ def energy(model: RelaxedModel, sequence: PointSequence, flow: Flow) -> EnergyTe
     """E_recons of a relaxed model, with the weights of the final fit."""
     weights = load_config(["scans"]).final_fit.energy
     measured = ReconstructionEnergy(sequence, flow, model.canonical_frame, weights, 2048, 1)
-    Ts = torch.from_numpy(model.Ts_frame_canonical[:, model.labels[measured.index]])
-    return measured(se3.transform(Ts, torch.from_numpy(measured.p_canonical)[:, None])[..., 0, :], 0)
+    return measured(move_points(model.Ts_frame_canonical[:, model.labels[measured.index]], measured.p_canonical), 0)
 
 
 if __name__ == "__main__":

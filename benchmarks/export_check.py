@@ -31,19 +31,19 @@ import yourdfpy
 from jaxtyping import Float64
 from run import FOLDER, Machine, commit, machine
 
-from pipeline import store
-from pipeline.files import write_files
-from pipeline.keys import canonical_json
-from pipeline.model_folder import read_model_folder
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.model_folder import read_model_folder
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
+from pipeline.store import artifacts
+from pipeline.store.files import write_files
+from pipeline.store.keys import canonical_json
 from schemas.artifact import Schema
 from schemas.config import IngestConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.manifest import Manifest
 from schemas.model_file import ModelJoint, Result
 from schemas.sequence import IngestedSequence
-from stages.export import WRITERS, describe
+from stages.export.stage import WRITERS, compute_export
 from stages.ingest.sources import list_sources
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree
@@ -158,15 +158,15 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--results", type=Path, default=FOLDER / "results", help="where the record is kept")
     arguments = parser.parse_args(words)
     found = [*arguments.workdir.glob("*/export-*/manifest.json"), *arguments.workdir.glob("*/*/export-*/manifest.json")]
-    artifacts = [
+    directories = [
         path.parent.resolve() for path in sorted(found) if not arguments.only or path.parts[-3] in arguments.only
     ]
-    if not artifacts:
+    if not directories:
         print(f"error: {arguments.workdir}: found no export, expected a finished run; check the path", file=sys.stderr)
         return 2
     assets = arguments.assets and arguments.assets.resolve()
     checks = []
-    for artifact in artifacts:
+    for artifact in directories:
         with tempfile.TemporaryDirectory() as scratch, working_in(Path(scratch)):
             exported, surface = prepare(artifact, arguments.anew, assets)
             checks.append(check(exported, surface))
@@ -187,15 +187,15 @@ def main(words: list[str] | None = None) -> int:
 
 def prepare(artifact: Path, anew: bool, assets: Path | None) -> tuple[Exported, np.ndarray | None]:
     """The exported robot of an artifact, and points on the true surface in metres where the truth is known."""
-    manifest = store.read_manifest(artifact)
+    manifest = artifacts.read_manifest(artifact)
     result = read_model_folder(artifact.with_name(f"result-{manifest.upstream['result']}"))
-    ingested = store.read(artifact.with_name(f"ingest-{manifest.upstream['ingest']}"), IngestedSequence)
+    ingested = artifacts.read(artifact.with_name(f"ingest-{manifest.upstream['ingest']}"), IngestedSequence)
     folder = artifact
     if anew:
         folder = Path.cwd() / "robot"
         frames = [ingested.sequence.to_input(frame) for frame in ingested.sequence.frames()]
         config = PipelineConfig.model_validate(manifest.config)
-        robot = describe(result, frames, config.export, manifest.sequence)
+        robot = compute_export(result, frames, config.export, manifest.sequence)
         for writer in WRITERS.values():
             write_files(folder, writer(robot))
     exported = Exported(manifest.sequence, result, folder)

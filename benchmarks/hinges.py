@@ -21,18 +21,19 @@ from jaxtyping import Float64, Int64
 from run import facts
 from sklearn.metrics import adjusted_rand_score
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.config import PipelineConfig
 from schemas.kinematic import KinematicModel
-from stages.canonical_frame import candidate_frames, choose
-from stages.final_fit import fit_final
-from stages.flow import estimate_flow
+from stages.canonical_frame.candidates import candidate_frames
+from stages.canonical_frame.stage import compute_canonical_frame
+from stages.final_fit.stage import compute_final_fit
+from stages.flow.stage import compute_flow
 from stages.ingest.normalise import normalise
 from stages.ingest.readers import Frame
-from stages.merging import merge
-from stages.projection import project
-from stages.relaxed_fit import fit_relaxed
+from stages.merging.stage import compute_merging
+from stages.projection.stage import compute_projection
 from stages.relaxed_fit.carry_over import carry_over
+from stages.relaxed_fit.stage import compute_relaxed_fit
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # its least and greatest corner
 X, Y, Z = np.eye(3)
@@ -243,15 +244,17 @@ def fit(frames: Sequence[Float64[np.ndarray, "points 3"]], config: PipelineConfi
     named = [Frame(f"frame {t}", p) for t, p in enumerate(frames)]
     sequence = normalise(named, config.ingest, "metre")
     rng = np.random.default_rng(config.seed)
-    flow = estimate_flow(sequence, config.flow, rng)
+    flow = compute_flow(sequence, config.flow, rng)
     candidates = candidate_frames(sequence.point_counts.tolist(), config.canonical_frame)
-    first = fit_relaxed(sequence, flow, candidates[0], config.relaxed_fit, rng)
+    first = compute_relaxed_fit(sequence, flow, candidates[0], config.relaxed_fit, rng)
     models = []
     for rank, frame in enumerate(candidates):
         relaxed = first if rank == 0 else carry_over(first, sequence, frame)
-        linked = merge(project(relaxed, sequence, config.projection), sequence, config.merging, config.projection)
-        models.append(fit_final(linked, sequence, flow, config.final_fit, rng))
-    return choose(models, sequence, config.canonical_frame.by, config.final_fit).model
+        linked = compute_merging(
+            compute_projection(relaxed, sequence, config.projection), sequence, config.merging, config.projection
+        )
+        models.append(compute_final_fit(linked, sequence, flow, config.final_fit, rng))
+    return compute_canonical_frame(models, sequence, config.canonical_frame.by, config.final_fit).model
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,15 @@
 """How much of the reanimation error is the model's: `python benchmarks/reanimation.py WORKDIR [--only SEQUENCE ...]`.
 
 WORKDIR is a finished run's working directory, or one data set's folder in it. Three models of every sequence are
-brought to its unseen states by the evaluation's own procedure, told the same points: one of each true part, drawn
+brought to its unseen states by the evaluation's own procedure, given the same points: one of each true part, drawn
 several times.
 
 - *fitted*: the run's model.
-- *exact*: the true parts and the true joints. What it leaves, the told points leave open.
+- *exact*: the true parts and the true joints. What it leaves, the given points leave open.
 - *sampled*: the true parts, tree and joint types, with axes and states fitted to the sampled frames as in the final
   fit. This is the true model's own sampling floor: what the frames tell of the joints once all else is known.
 
-*Right points* asks the same where the parts are right: points that carry their true part's label are told, and count.
+*Right points* asks the same where the parts are right: points that carry their true part's label are given, and count.
 The record goes to results/reanimation-DATE.json and .md.
 """
 
@@ -27,27 +27,27 @@ from jaxtyping import Bool, Float64, Int64
 from pydantic import Field
 from run import FOLDER, Machine, commit, machine
 
-from pipeline import store
-from pipeline.keys import canonical_json
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
+from pipeline.store import artifacts
+from pipeline.store.keys import canonical_json
 from schemas.artifact import Schema
 from schemas.config import FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import IngestedSequence
-from stages.evaluation import reanimation_distances
+from stages.evaluation.stage import reanimation_distances
 from stages.final_fit.working import Fit, to_model, working_frames
-from stages.kernels.kinematics.articulation import Chain
 from stages.kernels.labelling.matching import match_parts
+from stages.rearticulation.mechanism import chain_of, root_moves
 
-DRAWS = 5  # of the told points; the first is the evaluation's own
+DRAWS = 5  # of the given points; the first is the evaluation's own
 OVERLAP = 0.5  # least share of a part's points, found and true together, that are common to both where it is right
 
 
 class Reanimation(Schema):
-    """Errors of one sequence, in % of the diagonal: means over points, unseen states and draws of the told points."""
+    """Errors of one sequence, in % of the diagonal: means over points, unseen states and draws of the given points."""
 
     sequence: str
     parts_found: int
@@ -86,13 +86,13 @@ def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("workdir", type=Path, help="a finished run's working directory, or a data set's folder in it")
     parser.add_argument("--only", nargs="+", metavar="SEQUENCE", help="these sequences only")
-    parser.add_argument("--draws", type=int, default=DRAWS, help=f"of the told points; default: {DRAWS}")
+    parser.add_argument("--draws", type=int, default=DRAWS, help=f"of the given points; default: {DRAWS}")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", help="where the record is kept")
     arguments = parser.parse_args(words)
     found = [path for depth in ("*/", "*/*/") for path in arguments.workdir.glob(f"{depth}evaluation-*/manifest.json")]
-    artifacts = [path.parent for path in sorted(found) if not arguments.only or path.parts[-3] in arguments.only]
+    directories = [path.parent for path in sorted(found) if not arguments.only or path.parts[-3] in arguments.only]
     measured = []
-    for artifact in artifacts:
+    for artifact in directories:
         try:
             measured.append(measure(artifact, arguments.draws))
             print(f"{measured[-1].sequence}: {measured[-1].ratio:.2f} times the sampling floor", flush=True)
@@ -123,11 +123,11 @@ def main(words: list[str] | None = None) -> int:
 
 def measure(artifact: Path, draws: int) -> Reanimation:
     """One sequence, by its evaluation's artifact. Raises InputError where the truth lacks what this needs."""
-    manifest = store.read_manifest(artifact)
+    manifest = artifacts.read_manifest(artifact)
     upstream = {stage: artifact.with_name(f"{stage}-{key}") for stage, key in manifest.upstream.items()}
-    ingested = store.read(upstream["ingest"], IngestedSequence)
-    fitted = store.read(upstream["canonical_frame"], CanonicalChoice).model
-    metrics = store.read(artifact, Metrics)
+    ingested = artifacts.read(upstream["ingest"], IngestedSequence)
+    fitted = artifacts.read(upstream["canonical_frame"], CanonicalChoice).model
+    metrics = artifacts.read(artifact, Metrics)
     config = PipelineConfig.model_validate(manifest.config)
     exact = true_model(ingested, fitted.canonical_frame)
     sampled = fitted_to_frames(exact, ingested, config.final_fit)
@@ -139,8 +139,8 @@ def measure(artifact: Path, draws: int) -> Reanimation:
 
     def error(model: KinematicModel, among: Bool[np.ndarray, "points"]) -> float:
         distances = [
-            reanimation_distances(model, truth, labels_true, p, told, config.evaluation.reanimation_iterations)
-            for told in told_points(labels_true, among, manifest.seed, draws)
+            reanimation_distances(model, truth, labels_true, p, given, config.evaluation.reanimation_iterations)
+            for given in target_points(labels_true, among, manifest.seed, draws)
         ]
         return 100 * float(np.mean([distance[:, among].mean() for distance in distances]))
 
@@ -159,9 +159,9 @@ def measure(artifact: Path, draws: int) -> Reanimation:
     )
 
 
-def told_points(
+def target_points(
     labels_true: Int64[np.ndarray, "points"], among: Bool[np.ndarray, "points"], seed: int, draws: int
-) -> Iterable[Int64[np.ndarray, "told"]]:
+) -> Iterable[Int64[np.ndarray, "given"]]:
     """One point of each true part, several times; of those in `among` where the part has any."""
     parts = [np.flatnonzero(labels_true == part) for part in np.unique(labels_true)]
     parts = [own[among[own]] if among[own].any() else own for own in parts]
@@ -176,14 +176,12 @@ def true_model(ingested: IngestedSequence, canonical_frame: int) -> KinematicMod
     truth = ingested.truth
     if truth is None or sorted(joint.child for joint in truth.joints) != np.flatnonzero(truth.parent >= 0).tolist():
         raise InputError("ground truth: found none with a joint for every part but the root, expected that")
-    if any(joint.type == "spherical" for joint in truth.joints) or np.count_nonzero(truth.parent < 0) != 1:
+    if any(joint.kind.size != 1 for joint in truth.joints) or np.count_nonzero(truth.parent < 0) != 1:
         raise InputError("ground truth: found spherical joints or several roots, expected one tree of other joints")
     T_canonical_first = truth.Ts_frame_first[canonical_frame]
     parent = np.array([joint.parent for joint in truth.joints], dtype=np.int64)
     R, t = T_canonical_first[parent, :3, :3], T_canonical_first[parent, :3, 3]
-    states = np.array([joint.states for joint in truth.joints]).reshape(len(parent), -1)
-    turns = np.array([joint.type == "revolute" for joint in truth.joints], dtype=bool)[:, None]
-    states = states - states[:, [canonical_frame]]
+    states = np.array([joint.states for joint in truth.joints]).reshape(len(parent), -1).T
     return KinematicModel(
         canonical_frame=canonical_frame,
         root=int(np.flatnonzero(truth.parent < 0)[0]),
@@ -191,10 +189,10 @@ def true_model(ingested: IngestedSequence, canonical_frame: int) -> KinematicMod
         Ts_frame_canonical=truth.Ts_frame_first @ np.linalg.inv(T_canonical_first),
         joint_parent=parent,
         joint_child=np.array([joint.child for joint in truth.joints], dtype=np.int64),
-        joint_types=tuple("revolute" if joint.type == "revolute" else "prismatic" for joint in truth.joints),
+        joint_types=tuple(joint.type for joint in truth.joints),
         axis=rotated(R, [joint.axis for joint in truth.joints]),
         point=rotated(R, [joint.point for joint in truth.joints]) + t,
-        states=np.stack([states * turns, states * ~turns], axis=-1),
+        states=states - states[canonical_frame],
         e_spatial=np.zeros(len(parent)),
         e_1dof=np.zeros(len(parent)),
         energies={},
@@ -208,21 +206,8 @@ def rotated(R: Float64[np.ndarray, "joints 3 3"], vectors: list[tuple[float, flo
 
 def fitted_to_frames(exact: KinematicModel, ingested: IngestedSequence, config: FinalFitConfig) -> KinematicModel:
     """The true model with its axes, states and root motion fitted to the sampled frames from the truth on."""
-    frames = working_frames(ingested.sequence, exact.canonical_frame, config.points, config.reach)
-    order = exact.joints_from_root()
-    turns = np.array([exact.joint_types[joint] == "revolute" for joint in order], dtype=bool)
-    T_frame_root = exact.Ts_frame_canonical[:, exact.root]
-    chain = Chain(
-        root=exact.root,
-        parent=exact.joint_parent[order],
-        child=exact.joint_child[order],
-        revolute=turns,
-        axis=exact.axis[order],
-        point=exact.point[order],
-        states=np.where(turns[:, None], exact.states[order, :, 0], exact.states[order, :, 1]),
-        T_frame_root=T_frame_root.copy(),
-        free_root=not np.allclose(T_frame_root, np.eye(4), atol=1e-6),
-    )
+    frames = working_frames(ingested.sequence, exact.canonical_frame, config)
+    chain = chain_of(exact, root_moves(exact.Ts_frame_canonical[:, exact.root]))
     fit = frames.refine(Fit(chain, exact.labels[frames.index]), config.last_iterations)
     return to_model(exact, fit, frames).replace(labels=exact.labels)
 

@@ -35,8 +35,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from run import FOLDER, Machine, commit, facts, machine
 
-from pipeline.report_tables import Cell, Row, Table, to_markdown
-from pipeline.task import package_versions
+from pipeline.results.report_tables import Cell, Row, Table, to_markdown
+from pipeline.run.task import package_versions
 from schemas.artifact import Schema
 
 ATTACKS = ("flips", "kills", "hostile")

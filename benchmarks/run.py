@@ -19,13 +19,13 @@ from pathlib import Path
 
 from pydantic import Field, ValidationError
 
-from pipeline import store
 from pipeline.cli.options import cores
-from pipeline.comparison import compare
-from pipeline.evaluation_files import document
-from pipeline.report_tables import Cell, Row, Table, comparison_tables, to_markdown
-from pipeline.scores import read_scores
-from pipeline.task import package_versions
+from pipeline.results.comparison import compare
+from pipeline.results.evaluation_files import document
+from pipeline.results.report_tables import Cell, Row, Table, comparison_tables, to_markdown
+from pipeline.results.scores import read_scores
+from pipeline.run.task import package_versions
+from pipeline.store import artifacts
 from schemas.artifact import Schema
 from schemas.errors import InputError
 from schemas.scores import Comparison, Scores
@@ -159,7 +159,7 @@ def run(name: str, chosen: BenchmarkSet, workdir: Path, workers: int, data: Path
 
 def stage_seconds(folder: Path, since: datetime) -> float:
     """The seconds of all artifacts of a data set that were made since a moment."""
-    manifests = (store.read_manifest(path.parent) for path in folder.glob(f"*/*/{store.MANIFEST}"))
+    manifests = (artifacts.read_manifest(path.parent) for path in folder.glob(f"*/*/{artifacts.MANIFEST}"))
     return sum(sum(manifest.seconds.values()) for manifest in manifests if manifest.created >= since)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from run import BenchmarkSet, keep, run
 
-from pipeline.report_tables import Cell, Row, Table
+from pipeline.results.report_tables import Cell, Row, Table
 from schemas.errors import InputError
 
 POINTS, FRAMES = (4096, 16384, 65536, 250_000), (10, 30, 100)

@@ -14,7 +14,7 @@ from pathlib import Path
 from run import Record, keep, read_set, run
 
 from pipeline.cli.options import cores
-from pipeline.report_tables import Cell, Row, Table
+from pipeline.results.report_tables import Cell, Row, Table
 from schemas.errors import InputError
 
 VARIANTS: dict[str, tuple[str, ...]] = {

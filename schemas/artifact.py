@@ -4,9 +4,9 @@ An artifact is written as plain JSON fields plus arrays. An array field is decla
 
     points: Annotated[Float64[np.ndarray, "points 3"], Unit("normalised")]
 
-and everything else follows from that line: what is checked on construction (dtype, shape, axes of one
-name having one size across the whole artifact, finiteness, size), how the store writes it, and the array
-table of the manifest. Beside its unit a field may state `Within`, the range of its values, and `Rigid`.
+Everything else follows from that line: the checks on construction, how the store writes the array, and the
+manifest's table of arrays. Construction checks dtype, shape, finiteness and magnitude, and that axes of one name
+have one size across the artifact. A field may also state `Within` (the range of its values) and `Rigid`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Self, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, model_validator
 
-Axes = dict[str, tuple[int, str]]  # by name: the size, and the array that has it
+Axes = dict[str, tuple[int, str]]  # axis name -> (its size, an array that has it)
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Within:
-    """Least and greatest value of a field. The name of an axis stands for its size less one: an index into it."""
+    """Least and greatest value of a field. An axis name stands for its greatest index: its size less one."""
 
     least: float
     most: float | str
@@ -39,17 +39,17 @@ class Within:
 
 @dataclass(frozen=True)
 class Rigid:
-    """Of an array field (..., 4, 4): rotations and translations, [R p; 0 0 0 1]."""
+    """Mark an array field (..., 4, 4) as rigid transforms, [R p; 0 0 0 1]."""
 
     tolerance: float = 1e-3
 
 
-GREATEST = 1e15  # of any float: beyond it squares and products overflow, or lose all digits
+GREATEST = 1e15  # bound of any float: squares and products of larger ones overflow or lose all digits
 
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """What a schema says of one of its arrays."""
+    """The declaration of one array field."""
 
     name: str
     dtypes: tuple[str, ...]
@@ -67,13 +67,13 @@ def _unwrap_optional(annotation: Any) -> tuple[Any, bool]:
 
 
 class Schema(BaseModel):
-    """A frozen model that refuses unknown keys: the base of everything that is written to disk."""
+    """The base of everything written to disk: a frozen model that refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
 
 
 class Artifact(Schema):
-    """A schema with array fields. Nested artifacts are checked by themselves."""
+    """A schema with array fields. Nested artifacts check themselves."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
@@ -122,7 +122,7 @@ class Artifact(Schema):
 
     @classmethod
     def _check_shapes(cls, values: dict[str, Any]) -> Axes:
-        """The axes. Raises ValueError for arrays that are not as they are declared."""
+        """The size of each named axis. Raises ValueError for arrays that differ from their declaration."""
         sizes: Axes = {}
         for spec in cls.array_specs():
             array = values.get(spec.name)
@@ -153,12 +153,12 @@ class Artifact(Schema):
         return sizes
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """This artifact's own arrays by field name (absent optional arrays left out)."""
+        """This artifact's own arrays by field name, without absent optional ones."""
         found = {spec.name: getattr(self, spec.name) for spec in self.array_specs()}
         return {name: array for name, array in found.items() if array is not None}
 
     def replace(self, **changes: Any) -> Self:
-        """A validated copy with some fields changed."""
+        """Return a validated copy with some fields changed."""
         values = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_validate(values | changes)
 

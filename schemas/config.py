@@ -1,28 +1,45 @@
-"""The configuration: one frozen model per stage; unknown keys are refused.
+"""The configuration: one frozen model per stage, which refuses unknown keys.
 
-Lengths are in the normalised frame (the object's diagonal is 1) unless a name says otherwise, so that no
-setting depends on the input's units or the object's size. Presets live in `pipeline/presets/`.
+Unless a name says otherwise, lengths are in the normalised frame, where the object's diagonal is 1. So no setting
+depends on the input's units or the object's size. Presets are in `pipeline/configuration/presets/`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Protocol, Self, TypeVar
 
 from pydantic import Field, model_validator
 
-from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart
+from schemas.joints import JointKind, JointType, joint_kind
+from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart, common
 
+JOINT_SAMPLES = 60  # points of a part at which joints are judged
+CONTACT = 2.0  # point spacings within which sampled surfaces touch
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
 
 
+class _Sampled(Protocol):
+    frames: int
+    points: int
+
+
+_SampledConfig = TypeVar("_SampledConfig", bound=_Sampled)
+
+
+def _checked(config: _SampledConfig) -> _SampledConfig:
+    if config.frames * config.points > MOST_SAMPLED:
+        raise ValueError(f"expected at most {MOST_SAMPLED} points in all frames together")
+    return config
+
+
 class RoboartConfig(Settings):
-    """The RoboArt builder: how sequences are made from robot descriptions."""
+    """How sequences are built from robot descriptions."""
 
     sequences_per_robot: int = Field(
         default=1, ge=1, le=1000, description="sequences of each robot, which move differently"
     )
-    frames: int = Field(default=10, ge=2, le=10_000)
+    frames: int = Field(default=10, ge=2, le=10_000, description="frames of a sequence")
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
     novel_states: int = Field(default=3, ge=0, le=10_000, description="unseen states for the reanimation metric")
     sweep_degrees: DegreeRange = Field(
@@ -50,22 +67,60 @@ class RoboartConfig(Settings):
 
     @model_validator(mode="after")
     def _check_points(self) -> Self:
-        if self.frames * self.points > MOST_SAMPLED:
-            raise ValueError(f"expected at most {MOST_SAMPLED} points in all frames together")
-        return self
+        return _checked(self)
+
+
+class HumansConfig(Settings):
+    """How sequences of moving people are sampled."""
+
+    frames: int = Field(default=14, ge=2, le=1000, description="frames of a sequence")
+    frames_per_second: float = Field(default=10.0, gt=0, le=1000, description="frames a second")
+    points: int = Field(default=4096, ge=32, description="points per frame, sampled independently by area")
+    noise_percent: float = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="standard deviation of the noise on each coordinate, in % of the diagonal",
+    )
+    detail: Literal["fine", "coarse"] = Field(
+        default="fine", description="16 parts, or 10 without belly, chest, hands and feet of their own"
+    )
+
+    @model_validator(mode="after")
+    def _check_points(self) -> Self:
+        return _checked(self)
+
+
+class RegistrationConfig(Settings):
+    """Which frames and how many points are used of registrations such as D-FAUST's.
+
+    Registrations have the same surface points in every frame.
+    """
+
+    first: int = Field(default=0, ge=0, description="the first frame that is used, by its number in the file")
+    frames: int = Field(default=17, ge=2, le=1000, description="frames that are used at most, from the first on")
+    points: int = Field(default=4096, ge=32, description="points per frame, sampled independently")
 
 
 class IngestConfig(Settings):
-    """Where frames come from and how they are read."""
+    """The source of the frames and how they are read."""
 
-    source: Literal["files", "roboart", "urdf"] = "files"
-    units: NamedUnit = Field(default="unknown", description="the unit of the input's coordinates")
-    every: int = Field(default=1, ge=1, description="only every so many-th frame is used, from the first on")
+    source: Literal["files", "roboart", "urdf", "humans", "dfaust"] = Field(
+        default="files", description="where sequences come from; set by the data set"
+    )
+    units: NamedUnit = common(default="unknown", description="the unit of the input's coordinates")
+    every: int = common(default=1, ge=1, description="only every so many-th frame is used, from the first on")
     min_points: int = Field(default=32, ge=4, description="a frame with fewer points is refused")
     max_points: int = Field(
         default=50_000_000, ge=64, le=10**12, description="a sequence with more points in all is refused"
     )
+    correspond: bool = common(
+        default=False,
+        description="point i of a file's frames is the same surface point in all: sample each anew, and measure by it",
+    )
     roboart: RoboartConfig = RoboartConfig()
+    humans: HumansConfig = HumansConfig()
+    registrations: RegistrationConfig = RegistrationConfig()
 
 
 class GeometricFlowConfig(Settings):
@@ -97,11 +152,11 @@ class NetworkFlowConfig(Settings):
 
 
 class TrainFlowConfig(Settings):
-    """`reart train-flow`: what the feature network is trained on, and how long (A.1)."""
+    """Training data and schedule of the feature network, for `reart train-flow` (A.1)."""
 
-    seed: Seed = 0
+    seed: Seed = Field(default=0, description="the same seed trains the same weights")
     robots: tuple[str, ...] = Field(
-        default=("atlas", "baxter", "laikago", "iiwa"), description="the training split; those that are to be had"
+        default=("atlas", "baxter", "laikago", "iiwa"), description="training robots; unavailable ones are left out"
     )
     robot_share: float = Field(default=0.25, ge=0, le=1, description="share of pairs of robots; the rest is made up")
     points: int = Field(default=2048, ge=64, description="points that a cloud is sampled with")
@@ -111,21 +166,24 @@ class TrainFlowConfig(Settings):
     turn_degrees: float = Field(
         default=25.0, ge=0, le=360, description="most that one cloud of a pair is turned by itself"
     )
-    steps: int = Field(default=5000, ge=1)
+    steps: int = Field(default=5000, ge=1, description="training steps")
     batch: int = Field(default=4, ge=1, le=1000, description="pairs in one step; each is drawn anew and seen once")
     learning_rate: float = Field(default=2e-3, gt=0, description="the highest; it rises at first and falls to zero")
-    weight_decay: float = Field(default=1e-2, ge=0)
+    weight_decay: float = Field(default=1e-2, ge=0, description="weight decay of AdamW")
     validation_robots: tuple[str, ...] = Field(
         default=("cassie", "nao", "panda", "spot"), description="robots measured on while training, never trained on"
     )
-    validation_pairs: int = Field(default=32, ge=1, le=10_000)
+    validation_pairs: int = Field(default=32, ge=1, le=10_000, description="pairs in one measurement")
     validate_every: int = Field(default=250, ge=1, description="steps between two measurements and checkpoints")
 
 
 class FlowConfig(Settings):
-    """The flow stage."""
+    """The flow stage (A.1)."""
 
-    estimator: SwappablePart = Field(default="hybrid", description="registered name or package.module:function")
+    estimator: SwappablePart = common(
+        default="hybrid",
+        description="what finds the flow: hybrid, geometric, network, fpfh, none, or package.module:function",
+    )
     geometric: GeometricFlowConfig = GeometricFlowConfig()
     network: NetworkFlowConfig = NetworkFlowConfig()
 
@@ -133,9 +191,9 @@ class FlowConfig(Settings):
 class EnergyConfig(Settings):
     """Weights and sampling of E_recons (Eq. 5, A.6)."""
 
-    lambda_cd: float = Field(default=1.0, ge=0)
-    lambda_emd: float = Field(default=0.3, ge=0)
-    lambda_flow: float = Field(default=1.0, ge=0)
+    lambda_cd: float = Field(default=1.0, ge=0, description="weight of E_CD")
+    lambda_emd: float = Field(default=0.3, ge=0, description="weight of E_EMD")
+    lambda_flow: float = Field(default=1.0, ge=0, description="weight of E_flow")
     flow_neighbours: int = Field(default=3, ge=1, le=1000, description="neighbours of the flow's interpolation")
     emd_downsampling: int = Field(default=4, ge=1, description="E_EMD uses every so many points, farthest first")
     emd_every: int = Field(default=5, ge=1, description="iterations between two assignments of E_EMD")
@@ -145,27 +203,33 @@ class EnergyConfig(Settings):
     )
 
 
+class ReportedEnergyConfig(EnergyConfig):
+    """E_recons where it is reported, not minimised: all of its terms from the start."""
+
+    emd_start: float = Field(default=0.0, ge=0, le=1, description="share of the run after which E_EMD joins in")
+
+
 class GumbelConfig(Settings):
     """Solver `gumbel`: gradient descent on a segmentation field and free motions, as published (A.6)."""
 
-    max_parts: int = Field(default=20, ge=1, le=1000)
-    iterations: int = Field(default=600, ge=1)
+    max_parts: int = Field(default=20, ge=1, le=1000, description="most parts that the field can distinguish")
+    iterations: int = Field(default=600, ge=1, description="steps of gradient descent")
     points: int = Field(default=2048, ge=16, description="points per frame in one iteration")
     hidden: int = Field(default=128, ge=1, le=10_000, description="width of the segmentation field")
-    learning_rate_labels: float = Field(default=1e-3, gt=0)
-    learning_rate_motion: float = Field(default=1e-3, gt=0)
+    learning_rate_labels: float = Field(default=1e-3, gt=0, description="learning rate of the segmentation field")
+    learning_rate_motion: float = Field(default=1e-3, gt=0, description="learning rate of the motions")
     learning_rate_end: float = Field(
         default=0.05, gt=0, le=1, description="share of the rates left at the end (cosine)"
     )
-    temperature_start: float = Field(default=5.0, gt=0)
-    temperature_end: float = Field(default=1.0, gt=0)
+    temperature_start: float = Field(default=5.0, gt=0, description="temperature of the Gumbel softmax at the start")
+    temperature_end: float = Field(default=1.0, gt=0, description="temperature of the Gumbel softmax at the end")
     start: Literal["flow", "identity"] = Field(
         default="flow", description="start from clustered flow trajectories, or from still parts as published"
     )
 
 
 class AlternatingConfig(Settings):
-    """Solver `alternating`: registration, minimum cuts, merging and splitting in turn."""
+    """Solver `alternating`: rounds of registration, minimum cuts, merging and splitting."""
 
     points: int = Field(default=4096, ge=64, description="points per frame that the fit works on")
     start_parts: int = Field(
@@ -176,6 +240,13 @@ class AlternatingConfig(Settings):
     part_price: float = Field(default=4.0, ge=0, description="a part must lower the points' costs by more")
     boundary_price: float = Field(default=1.0, ge=0, description="price of a surface edge between two parts")
     truncation: float = Field(default=9.0, gt=0, description="most that one point can cost in one frame")
+    reach_first: float = Field(
+        default=5.0, gt=0, description="robust reach of matches in the first round, in point spacings"
+    )
+    reach: float = Field(
+        default=3.0, gt=0, description="robust reach in other rounds, and for merges and patches, in point spacings"
+    )
+    reach_last: float = Field(default=2.0, gt=0, description="robust reach at the end, in point spacings")
     attachment: float = Field(default=1.0, ge=0, description="weight of touching parts' agreement at their contact")
     contact: int = Field(default=4, ge=1, description="surface edges that two parts must share to be merged")
     merge_iterations: int = Field(default=4, ge=1, description="registration steps before a merge is judged")
@@ -190,28 +261,48 @@ class AlternatingConfig(Settings):
 class RelaxedFitConfig(Settings):
     """The relaxed fit of one candidate canonical frame."""
 
-    solver: SwappablePart = Field(default="alternating", description="registered name or package.module:function")
+    solver: SwappablePart = common(
+        default="alternating", description="what finds the parts: alternating, gumbel, or package.module:function"
+    )
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
     alternating: AlternatingConfig = AlternatingConfig()
 
 
 class ProjectionConfig(Settings):
-    """Eq. 11 and A.2."""
+    """Projection to a kinematic tree (Eq. 11, A.2)."""
 
-    lambda_spatial: float = Field(default=100.0, ge=0)
-    lambda_1dof: float = Field(default=1.0, ge=0)
-    samples_per_part: int = Field(
-        default=60, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
+    joints: tuple[JointType, ...] = common(
+        default=("revolute", "prismatic"),
+        min_length=1,
+        max_length=100,
+        description="kinds of joints that a model may have; with spherical ones links are judged by E_3DOF",
     )
-    contact: float = Field(default=2.0, ge=0, description="parts as near as so many point spacings touch: no E_spatial")
+
+    lambda_spatial: float = Field(default=100.0, ge=0, description="weight of E_spatial")
+    lambda_1dof: float = Field(default=1.0, ge=0, description="weight of E_1DOF")
+    samples_per_part: int = Field(
+        default=JOINT_SAMPLES, ge=1, le=100_000, description="farthest points at which E_1DOF is measured"
+    )
+    contact: float = Field(
+        default=CONTACT, ge=0, description="parts as near as so many point spacings touch: no E_spatial"
+    )
+    root: Literal["still", "middle"] = common(
+        default="still",
+        description="the part that stands still, or the one in the middle of the body, as suits people and animals",
+    )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"
     )
 
+    @property
+    def kinds(self) -> tuple[JointKind, ...]:
+        """The kinds of joints that a model may have."""
+        return tuple(map(joint_kind, dict.fromkeys(self.joints)))
+
 
 class MergingConfig(Settings):
-    """A.3, in units of the sampling noise."""
+    """Merging of parts that move alike (A.3)."""
 
     threshold: float = Field(
         default=0.0, ge=0, description="touching parts whose motions differ by less (RMS, in point spacings) become one"
@@ -219,10 +310,14 @@ class MergingConfig(Settings):
 
 
 class CanonicalFrameConfig(Settings):
-    """A.5: which frames are tried as the canonical one."""
+    """Which frames are tried as the canonical one, and how one is chosen (A.5)."""
 
-    candidates: int = Field(default=2, ge=1, le=100, description="how many: the middle frame and its neighbours")
-    frames: DifferentFrames = Field(default=(), max_length=100, description="these frames instead, where given")
+    candidates: int = common(
+        default=2, ge=1, le=100, description="canonical frames that are tried: the middle frame and its neighbours"
+    )
+    frames: DifferentFrames = common(
+        default=(), max_length=100, description="these frames are tried instead, where given"
+    )
     by: Literal["fit", "project"] = Field(
         default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
     )
@@ -235,9 +330,9 @@ class CanonicalFrameConfig(Settings):
 
 
 class FinalFitConfig(Settings):
-    """A.4: joints by Levenberg-Marquardt, and labels, links and parts improved under them."""
+    """The final fit (A.4): joints by Levenberg-Marquardt, then labels, links and parts given the joints."""
 
-    points: int = Field(default=4096, ge=16, description="points per frame that the fit works on")
+    points: int = common(default=4096, ge=16, description="points per frame that the fit works on")
     reach: float = Field(default=2.0, gt=0, description="robust reach of matches, in point spacings")
     iterations: int = Field(default=8, ge=0, description="Levenberg-Marquardt trials after each change")
     last_iterations: int = Field(default=15, ge=0, description="Levenberg-Marquardt trials at the end")
@@ -245,9 +340,32 @@ class FinalFitConfig(Settings):
         default=0.5, ge=0, description="a root that moves less (RMS, in point spacings) is held still"
     )
     hidden_links: bool = Field(
-        default=True, description="insert links that the motion needs though no point tells them apart"
+        default=True, description="insert links that the motion needs although no point belongs to them"
     )
-    link_price: float = Field(default=60.0, ge=0, description="such a link must lower the points' costs by more")
+    link_tolerance: float = Field(
+        default=0.25,
+        ge=0,
+        description="what a joint may leave (RMS, in point spacings) before a link is inserted on trial",
+    )
+    link_explains: float = Field(
+        default=0.6, ge=0, le=1, description="share of that which a joint and an inserted link may leave at most"
+    )
+    pair_directions: int = Field(
+        default=6, ge=1, le=1000, description="directions of axes that the joints of an inserted link are started with"
+    )
+    joint_samples: int = Field(
+        default=JOINT_SAMPLES, ge=1, le=100_000, description="farthest points of a part at which joints are judged"
+    )
+    contact: float = Field(default=CONTACT, ge=0, description="parts as near as so many point spacings touch")
+    settled: float = Field(
+        default=0.003, ge=0, le=1, description="labels have settled where a smaller share of them changes in a round"
+    )
+    link_price: float = common(default=60.0, ge=0, description="an inserted link must lower the points' costs by more")
+    freedom_price: float = common(
+        default=30.0,
+        ge=0,
+        description="a joint of a kind with more degrees of freedom must lower the points' costs by more for each",
+    )
     relabel: bool = Field(default=True, description="improve labels and parts too, not only joints")
     rounds: int = Field(default=3, ge=1, description="most rounds of labels and joints in turn, at the end")
     fused_frames: int = Field(default=10, ge=1, description="frames whose points are labelled together")
@@ -255,31 +373,31 @@ class FinalFitConfig(Settings):
     min_part_share: float = Field(
         default=0.008, ge=0, lt=1, description="a part holds at least this share of the points"
     )
-    part_price: float = Field(
+    part_price: float = common(
         default=30.0, ge=0, description="a part that lowers the points' costs by less is joined to a neighbour; 0: none"
     )
     prune_iterations: int = Field(default=5, ge=0, description="Levenberg-Marquardt trials before that is judged")
     energy_points: int = Field(default=2048, ge=16, description="points per frame at which E_recons is reported")
-    energy: EnergyConfig = EnergyConfig(emd_downsampling=4, emd_start=0.0)
+    energy: ReportedEnergyConfig = ReportedEnergyConfig()
 
 
 class EvaluationConfig(Settings):
-    """A.9."""
+    """Evaluation (A.9)."""
 
-    reanimation_iterations: int = Field(default=200, ge=1)
-    told_points: int = Field(
-        default=4096, ge=16, description="points per frame at which is asked whether the motion tells their part"
+    reanimation_iterations: int = Field(
+        default=200, ge=1, description="Levenberg-Marquardt steps of the reanimation metric"
     )
+    told_points: int = Field(default=4096, ge=16, description="points per frame that are tested for being observable")
 
 
 class ExportConfig(Settings):
-    """The robot description: meshes, masses and limits, which the fit does not tell but a simulator needs."""
+    """The robot description: meshes, masses and limits, which a simulator needs beyond the fit."""
 
-    metres_per_unit: float | None = Field(
+    metres_per_unit: float | None = common(
         default=None,
         ge=1e-9,
         le=1e9,
-        description="of the input's coordinates; None: by its unit, where unknown one metre",
+        description="metres in a unit of the input's coordinates; none: by the input's unit, where unknown one metre",
     )
     surface: Literal["closed", "hull"] = Field(
         default="closed", description="a part's visible mesh: what its points enclose, or their convex hull"
@@ -287,11 +405,14 @@ class ExportConfig(Settings):
     collision: Literal["hull", "coacd"] = Field(
         default="hull", description="a part's convex collision mesh, or several by the optional package coacd"
     )
-    triangles: int = Field(default=3000, ge=20, description="of a part's visible mesh, about")
+    triangles: int = common(default=3000, ge=20, description="triangles of a part's visible mesh, about")
     reach: float = Field(
         default=4.0, gt=0, le=1e3, description="radius in point spacings of the ball rolled over a part"
     )
-    density: float = Field(default=1000.0, gt=0, le=1e9, description="kg / m^3")
+    farthest: float = Field(
+        default=3.0, gt=0, le=1e3, description="points farther from the posed model, in point spacings, are left out"
+    )
+    density: float = common(default=1000.0, gt=0, le=1e9, description="density of all parts, in kg / m^3")
     limit_margin: float = Field(
         default=0.1, ge=0, description="limits lie beyond the observed range by this share of it, at each end"
     )
@@ -303,9 +424,9 @@ class ExportConfig(Settings):
 
 
 class PipelineConfig(Settings):
-    """Everything that a run depends on, but for its input files."""
+    """Everything that a run depends on, except its input files."""
 
-    seed: Seed = 0
+    seed: Seed = common(default=0, description="the same seed and input give the same model")
     ingest: IngestConfig = IngestConfig()
     flow: FlowConfig = FlowConfig()
     relaxed_fit: RelaxedFitConfig = RelaxedFitConfig()

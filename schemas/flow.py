@@ -10,15 +10,15 @@ from pydantic import model_validator
 
 from schemas.artifact import Artifact, Unit, Within
 
-LAST_INDEX = 2**53  # which frame's points are meant is told by the sequence
+LAST_INDEX = 2**53  # any index; the stage checks it against the frame that it points into
 
 
 class Flow(Artifact):
-    """Mutual correspondences between consecutive frames and the motion that they imply (A.1).
+    """Mutual correspondences between consecutive frames and the flow that they imply (A.1).
 
     Pair k links frame k to frame k + 1 and owns `match_counts[k]` consecutive rows of the other arrays.
-    `flow` is the displacement of the source point's piece of surface: the two matched points lie on the
-    same surface but were sampled independently, so their plain difference carries the sampling noise.
+    `flow` is the displacement of the surface at the source point. It differs from the difference of the two matched
+    points, which were sampled independently and so carry sampling noise.
     """
 
     match_counts: Annotated[Int64[np.ndarray, "pairs"], Unit("count"), Within(0, LAST_INDEX)]

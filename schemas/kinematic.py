@@ -1,30 +1,38 @@
-"""The kinematic model that projection, merging and the final fit hand on, and the choice among candidates."""
+"""The kinematic model that projection, merging and the final fit exchange, and the choice among candidates."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
+from schemas.joints import JOINT_KINDS, SCREW, JointKind, joint_kind, parents_first
 
-LinkType = Literal["screw", "revolute", "prismatic"]
+
+def _screw_or_decided(name: str) -> str:
+    return name if name == SCREW.name else joint_kind(name).name
+
+
+LinkType = Annotated[str, AfterValidator(_screw_or_decided)]
+"""The name of a joint's kind, which is "screw" until the final fit decides."""
+
 CONFIDENCES = ("part", "link", "type")
 
 
 class KinematicModel(Artifact):
-    """Rigid parts, linked to a tree by screw joints; normalised coordinates of the canonical frame.
+    """Rigid parts that joints link to a tree, in normalised coordinates of the canonical frame.
 
-    Joint j moves part `joint_child[j]` against `joint_parent[j]`; every part but the root is the child of
-    exactly one joint. In frame t the child is turned by `states[j, t, 0]` (radians) about the axis and
-    moved by `states[j, t, 1]` along it. Before the final fit joints are of type "screw" and both may be
-    non-zero; after it one of the two is exactly zero in every frame. All states are zero in the
-    canonical frame.
+    Joint j moves part `joint_child[j]` relative to `joint_parent[j]`. Every part except the root is the child of
+    exactly one joint. Before the final fit all joints are screws, which turn about their axis and slide along it.
 
-    `confidence` has a column for each of CONFIDENCES: whether both parts are ones of their own, whether they are linked
-    to each other by one degree of freedom, and whether that is of the joint's type. Only the final fit tells it.
+    `states` has a column for each number of a joint's state (schemas.joints), joint after joint. States are zero in
+    the canonical frame.
+
+    `confidence` has a column for each of CONFIDENCES: that both parts are distinct parts, that one degree of freedom
+    links them to each other, and that the joint has the stated type. Only the final fit sets it.
     """
 
     canonical_frame: Annotated[int, Within(0, "frames")]
@@ -36,13 +44,13 @@ class KinematicModel(Artifact):
     joint_types: tuple[LinkType, ...]
     axis: Annotated[Float64[np.ndarray, "joints 3"], Unit("1")] = Field(description="unit direction")
     point: Annotated[Float64[np.ndarray, "joints 3"], Unit("normalised")] = Field(
-        description="the point of the axis nearest the origin"
+        description="the point of the axis nearest the origin, or the centre of a joint without an axis"
     )
-    states: Annotated[Float64[np.ndarray, "joints frames 2"], Unit("radian, normalised")]
+    states: Annotated[Float64[np.ndarray, "frames coordinates"], Unit("radian, normalised")]
     e_spatial: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
     e_1dof: Annotated[Float64[np.ndarray, "joints"], Unit("normalised squared")]
     confidence: Annotated[Float64[np.ndarray, "joints 3"] | None, Unit("1"), Within(0, 1)] = Field(
-        default=None, description="from 0, as good as another explanation, to 1, sure; columns as in CONFIDENCES"
+        default=None, description="from 0 (another explanation is as good) to 1 (certain); columns as in CONFIDENCES"
     )
     energies: dict[str, float] = Field(description="E_project, E_group, E_recons, ... of the whole model")
 
@@ -51,21 +59,20 @@ class KinematicModel(Artifact):
         return self.Ts_frame_canonical.shape[1]
 
     def parents(self) -> Int64[np.ndarray, "parts"]:
-        """The parent of each part; -1 for the root."""
+        """The parent of each part, -1 for the root."""
         parents = np.full(self.part_count, -1, dtype=np.int64)
         parents[self.joint_child] = self.joint_parent
         return parents
 
-    def joints_from_root(self) -> list[int]:
-        """Joint indices ordered so that a joint comes after its parent part's own joint."""
-        order: list[int] = []
-        front = [self.root]
-        while front:
-            part = front.pop()
-            children = np.flatnonzero(self.joint_parent == part)
-            order += children.tolist()
-            front += self.joint_child[children].tolist()
-        return order
+    @property
+    def kinds(self) -> tuple[JointKind, ...]:
+        """The kind of each joint."""
+        return tuple(SCREW if name == SCREW.name else JOINT_KINDS[name] for name in self.joint_types)
+
+    def states_of(self, joint: int) -> Float64[np.ndarray, "frames size"]:
+        """The states of one joint in all frames."""
+        first = sum(kind.size for kind in self.kinds[:joint])
+        return self.states[:, first : first + self.kinds[joint].size]
 
     @model_validator(mode="after")
     def _check_tree(self) -> Self:
@@ -83,18 +90,16 @@ class KinematicModel(Artifact):
             )
         if not 0 <= self.root < parts or sorted([self.root, *self.joint_child.tolist()]) != list(range(parts)):
             raise ValueError("KinematicModel: every part but the root must be the child of exactly one joint")
-        if len(self.joints_from_root()) != parts - 1:
+        if len(parents_first(self.joint_parent, self.joint_child)) != parts - 1:
             raise ValueError(f"KinematicModel: not every part hangs on the root {self.root}; the joints close a loop")
-        for name, kind in (("angle", "prismatic"), ("distance", "revolute")):
-            column = 0 if name == "angle" else 1
-            for joint, joint_type in enumerate(self.joint_types):
-                if joint_type == kind and np.any(self.states[joint, :, column] != 0):
-                    raise ValueError(f"KinematicModel.states: joint {joint} is {kind}, its {name} must be zero")
+        expected = sum(kind.size for kind in self.kinds)
+        if self.states.shape[1] != expected:
+            raise ValueError(f"KinematicModel.states: found {self.states.shape[1]} columns, expected {expected}")
         return self
 
 
 class Candidate(Schema):
-    """One candidate canonical frame and what speaks for it."""
+    """One candidate canonical frame and its energies."""
 
     frame: int = Field(ge=0)
     parts: int = Field(ge=1)

@@ -1,4 +1,4 @@
-"""What stands beside an artifact's arrays: where it came from, what it holds, and why a stage failed."""
+"""The records beside an artifact's arrays: its provenance and content, or why a stage failed."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from schemas.names import Name
 
 
 class Provenance(Schema):
-    """How an artifact was made: enough to make it again."""
+    """How an artifact was made, in enough detail to make it again."""
 
     stage: Name
     version: int = Field(description="version of the stage's code; a new one makes new keys")
     dataset: Name
     sequence: Name
     key: Name = Field(description="hash of stage, version, own settings, parameters, upstream keys and seed")
-    parameters: dict[str, Any] = Field(description="what tells this task from others of its stage")
+    parameters: dict[str, Any] = Field(description="what distinguishes this task from others of its stage")
     config: dict[str, Any] = Field(description="the resolved configuration of the whole run that wrote this")
-    upstream: dict[str, Name] = Field(description="keys of what was read; for ingest the source's digest")
+    upstream: dict[str, Name] = Field(description="keys of the artifacts read; for ingest the source's digest")
     seed: int
     created: datetime
     seconds: dict[str, float] = Field(description="time spent reading the inputs and computing")
-    peak_memory_mib: float | None = Field(default=None, description="most memory that the task's process held, MiB")
+    peak_memory_mib: float | None = Field(default=None, description="peak memory of the task's process, MiB")
     packages: dict[str, str] = Field(description="versions of Python and of the packages that matter")
 
 
 class ArrayEntry(Schema):
-    """One array of `arrays.zarr`. `name` is its path there: `points`, or `sequence/points` where nested."""
+    """One array of `arrays.zarr`. `name` is its path there: `points`, or `sequence/points` if nested."""
 
     name: str
     dtype: str
@@ -41,7 +41,7 @@ class ArrayEntry(Schema):
 
 
 class Manifest(Provenance):
-    """`manifest.json`. It is written last: an artifact is complete when its manifest is there."""
+    """`manifest.json`, which is written last. An artifact is complete when its manifest exists."""
 
     schema_version: Literal[1] = 1
     arrays: tuple[ArrayEntry, ...]
@@ -57,6 +57,6 @@ class Failure(Schema):
     key: str
     error: str = Field(description="the exception's type")
     message: str
-    bad_input: bool = Field(description="the cause is something the user gave, not a defect of the program")
+    bad_input: bool = Field(description="the cause is the user's input, not a defect of the program")
     time: datetime
     log: str

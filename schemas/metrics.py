@@ -1,4 +1,4 @@
-"""What the evaluation stage writes (A.9)."""
+"""The artifact of the evaluation stage (A.9)."""
 
 from __future__ import annotations
 
@@ -8,30 +8,33 @@ from schemas.artifact import Artifact, Schema
 
 
 class JointMetrics(Schema):
-    """One true joint and the predicted joint that links the same two parts, if there is one."""
+    """One true joint and the predicted joint between the same two parts, if there is one."""
 
     name: str
     true_type: str
     predicted_type: str | None = Field(description="None: no predicted joint links these two parts")
     axis_angle_deg: float | None = None
     axis_distance_percent: float | None = Field(default=None, description="% of the diagonal; None for prismatic")
+    ball_centre_percent: float | None = Field(
+        default=None, description="between the centres of two ball joints, % of the diagonal; None for other types"
+    )
     state_error: float | None = Field(
         default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
     )
-    confidence: float | None = Field(default=None, description="the model's least, of the predicted joint")
+    confidence: float | None = Field(default=None, description="the least of the predicted joint's confidences")
 
 
 class JointVerdict(Schema):
-    """How sure the model is of a predicted joint (the least of its confidences), and whether rightly so."""
+    """The confidence of a predicted joint (the least of its three), and whether the joint is right."""
 
     confidence: float = Field(ge=0, le=1)
     right: bool = Field(description="it links two parts that were matched to those of one true joint")
 
 
 class Metrics(Artifact):
-    """Yardsticks of one sequence. Lengths in the input's units, and in % of the object's diagonal.
+    """The metrics of one sequence. Lengths are in the input's units and in % of the object's diagonal.
 
-    Without ground truth every figure that needs it is None; the Chamfer distance never does.
+    Metrics that need ground truth are None without it. The Chamfer distance needs none.
     """
 
     units: str
@@ -43,15 +46,20 @@ class Metrics(Artifact):
     ari: float | None = None
     ri: float | None = None
     told_share: float | None = Field(
-        default=None, description="share of the points that no part but their own can move as the frames show them"
+        default=None,
+        description="share of observable points: only their own part can move them as the frames show",
     )
-    ari_told: float | None = Field(default=None, description="ARI over those points alone; None where there are none")
-    untold_parts: tuple[str, ...] = Field(default=(), description="true parts of which hardly a point is told")
+    ari_told: float | None = Field(default=None, description="ARI over observable points; None if there are none")
+    untold_parts: tuple[str, ...] = Field(default=(), description="true parts with hardly any observable point")
     tree_edit_distance: int | None = None
     recon: float | None = None
     recon_percent: float | None = None
+    recon_of_motion_percent: float | None = Field(
+        default=None, description="recon in % of the points' mean true motion from the canonical frame"
+    )
     epe: float | None = None
     epe_percent: float | None = None
+    epe_of_flow_percent: float | None = Field(default=None, description="EPE in % of the mean length of the true flow")
     acc5: float | None = None
     acc10: float | None = None
     reanimation: float | None = None
@@ -59,5 +67,5 @@ class Metrics(Artifact):
     joint_type_accuracy: float | None = None
     joints: tuple[JointMetrics, ...] = ()
     verdicts: tuple[JointVerdict, ...] = Field(
-        default=(), description="of every predicted joint, where model and truth tell"
+        default=(), description="of every predicted joint that has a confidence, if the true joints are known"
     )

@@ -1,4 +1,4 @@
-"""The result's contract: model.json and model.npz, as other programs read them."""
+"""The contract of model.json and model.npz, which other programs read."""
 
 from __future__ import annotations
 
@@ -12,20 +12,28 @@ from jaxtyping import AbstractDtype, Float64, Int64
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
+from schemas.joints import JOINT_KINDS, JointKind, JointType, is_tree, parents_first
 from schemas.seal import sha256
-from schemas.sequence import JointType, LengthUnit
+from schemas.sequence import LengthUnit
 
 if TYPE_CHECKING:
     from jaxtyping import Float as Float32or64
 else:
 
     class Float32or64(AbstractDtype):
-        """Real numbers of one of two precisions."""
+        """Real numbers in single or double precision."""
 
         dtypes = ("float32", "float64")
 
 
 Vector = tuple[float, float, float]
+Numbers = float | tuple[float, ...]
+"""One number for each degree of freedom of a joint: a plain number for one, a tuple for several."""
+
+
+def are(numbers: Numbers, count: int) -> bool:
+    """Whether there are `count` numbers: one plain number, or a tuple of several."""
+    return isinstance(numbers, tuple) == (count != 1) and np.size(numbers) == count
 
 
 class ModelPart(Schema):
@@ -35,7 +43,7 @@ class ModelPart(Schema):
 
 
 class JointConfidence(Schema):
-    """How sure the fit is, from 0 to 1, that both parts are ones of their own, of their link, and of its type."""
+    """The fit's confidence, from 0 to 1, in the two parts, in their link and in the joint's type."""
 
     part: float = Field(ge=0, le=1)
     link: float = Field(ge=0, le=1)
@@ -43,10 +51,11 @@ class JointConfidence(Schema):
 
 
 class ModelJoint(Schema):
-    """One joint; lengths in the input's units, angles in radians, the canonical frame's coordinates.
+    """One joint, in the canonical frame. Lengths are in the input's units, angles in radians.
 
-    `point` is that of the axis next to where the joint's parts touch, as far as the fit knows.
-    A spherical joint turns about it by its states, rotation vectors; `lower` and `upper` are of their lengths.
+    `point` is the point of the axis nearest to where the joint's parts touch, as far as the fit knows. A spherical
+    joint turns about it; its states are rotation vectors, and `lower` and `upper` limit their lengths. Any other joint
+    with several degrees of freedom has one number for each in its states and limits (schemas.joints).
     """
 
     id: int
@@ -56,39 +65,66 @@ class ModelJoint(Schema):
     type: JointType
     axis: Vector
     point: Vector
-    lower: float
-    upper: float
+    lower: Numbers
+    upper: Numbers
     confidence: JointConfidence | None = None
-    states: tuple[float | Vector, ...]
+    states: tuple[Numbers, ...]
+
+    @property
+    def kind(self) -> JointKind:
+        return JOINT_KINDS[self.type]
+
+    @property
+    def lowers(self) -> tuple[float, ...]:
+        """The lower limit of each of `sizes`."""
+        return self.lower if isinstance(self.lower, tuple) else (self.lower,)
+
+    @property
+    def uppers(self) -> tuple[float, ...]:
+        """The upper limit of each of `sizes`."""
+        return self.upper if isinstance(self.upper, tuple) else (self.upper,)
+
+    def ranges(self, length: str) -> list[tuple[float, float, str]]:
+        """Lower limit, upper limit and unit symbol of each of `sizes`. `length` is the symbol for lengths."""
+        return list(zip(self.lowers, self.uppers, self.kind.symbols(length), strict=False))
+
+    def sizes(self, state: Numbers) -> tuple[float, ...]:
+        """The quantities that have limits: the numbers of a state, or the length of a rotation vector."""
+        if self.kind.is_ball:
+            return (math.hypot(*np.atleast_1d(state)),)
+        return tuple(np.atleast_1d(state).tolist())
 
     @model_validator(mode="after")
     def _check_values(self) -> Self:
-        expected = 3 if self.type == "spherical" else 1
-        if any(np.size(state) != expected for state in self.states):
+        expected = self.kind.size
+        if not all(are(state, expected) for state in self.states):
             raise ValueError(f"joint {self.name}: states: expected {expected} numbers each, since it is {self.type}")
+        limits = 1 if self.kind.is_ball else expected
+        if not are(self.lower, limits) or not are(self.upper, limits):
+            raise ValueError(f"joint {self.name}: limits: expected {limits} numbers each, since it is {self.type}")
         if not all(np.isfinite(state).all() for state in self.states):
             raise ValueError(f"joint {self.name}: states: found NaN or infinity, expected finite values")
         if not abs(math.hypot(*self.axis) - 1.0) < 1e-3 or not np.isfinite(self.point).all():
             raise ValueError(
                 f"joint {self.name}: found axis {self.axis} through {self.point}, expected a unit axis through a point"
             )
-        if not -np.inf < self.lower <= self.upper < np.inf:
+        if not all(-np.inf < low <= high < np.inf for low, high in zip(self.lowers, self.uppers, strict=True)):
             raise ValueError(f"joint {self.name}: found limits {self.lower} to {self.upper}, expected lower <= upper")
-        if (greatest := np.abs(np.hstack([*self.states, self.point, self.lower, self.upper])).max()) > GREATEST:
+        if (greatest := np.abs(np.hstack([*self.states, self.point, *self.lowers, *self.uppers])).max()) > GREATEST:
             raise ValueError(f"joint {self.name}: found a number of size {greatest:g}, expected at most {GREATEST:g}")
         return self
 
 
 class ModelFile(Schema):
-    """model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
+    """The content of model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
 
-    In version 2 canonical_points are 64-bit floats, since 32-bit ones would lose digits that tell the points apart.
-    The digests are missing in files of an earlier release; one that is edited by hand must lose its own.
+    In version 2 canonical_points are 64-bit floats, because 32-bit floats cannot separate nearby points far from the
+    origin. Files of earlier releases have no digests. Whoever edits a file by hand must remove its digest.
     """
 
     format: Literal["rearticulate/model"] = "rearticulate/model"
     version: Literal[1, 2] = 1
-    json_sha256: str | None = Field(default=None, description="of this very file, with zeros in the digest's place")
+    json_sha256: str | None = Field(default=None, description="of this file, with zeros in place of the digest")
     npz_sha256: str | None = Field(default=None, description="of model.npz")
     units: LengthUnit
     frames: int = Field(gt=0)
@@ -99,18 +135,13 @@ class ModelFile(Schema):
 
     @property
     def digest(self) -> str:
-        """What tells this model from others: of all that model.json says."""
+        """A digest of the whole content of model.json, which identifies this model."""
         return sha256(self.model_dump_json(exclude={"json_sha256", "npz_sha256"}).encode())[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
-        """The joints, each after its parent part's own."""
-        order: list[ModelJoint] = []
-        front = [self.root]
-        while front and len(order) <= len(self.joints):
-            here = [joint for joint in self.joints if joint.parent == front[0]]
-            front = [*front[1:], *(joint.child for joint in here)]
-            order += here
-        return order
+        """The joints, each after the joint that moves its parent part."""
+        order = parents_first([joint.parent for joint in self.joints], [joint.child for joint in self.joints])
+        return [self.joints[index] for index in order]
 
     @model_validator(mode="after")
     def _check_model(self) -> Self:
@@ -127,8 +158,8 @@ class ModelFile(Schema):
                 yield f"{kind}: found the name {twice[0][:80]!r} twice or empty, expected one for each"
             if strange := [name for name in names if not name.isprintable()]:
                 yield f"{kind}: found the name {strange[0][:80]!r}, expected printable characters only"
-        children = [joint.child for joint in self.joints]
-        if sorted([self.root, *children]) != parts or len(self.joints_from_root()) != len(self.joints):
+        parent, child = [joint.parent for joint in self.joints], [joint.child for joint in self.joints]
+        if len(child) + 1 != len(parts) or not is_tree(parent, child, self.root):
             yield (
                 f"joints: found a cycle, or parts that do not hang on the root by one joint each, "
                 f"expected a tree over {len(parts)} parts with root {self.root}"
@@ -142,7 +173,7 @@ class ModelFile(Schema):
 
 
 class Result(Artifact):
-    """The artifact of the last stage: what model.json and model.npz hold, in the input's units."""
+    """The artifact of the result stage: the content of model.json and model.npz, in the input's units."""
 
     model: ModelFile
     canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]

@@ -11,7 +11,7 @@ _NAME = re.compile(r"\w[\w.-]*")
 
 
 def is_name(text: object) -> bool:
-    """Whether a text is letters, digits, underscores, dots and dashes, the first no dot or dash: never a path."""
+    """Whether a text is a safe file name: letters, digits, `_`, `.` and `-`, not starting with `.` or `-`."""
     return isinstance(text, str) and _NAME.fullmatch(text) is not None
 
 

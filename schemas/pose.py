@@ -1,4 +1,4 @@
-"""pose.json: a model's pose, as `reart pose` writes it and reads it back."""
+"""The contract of pose.json, a model's pose, which `reart pose` writes and reads."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Schema
-from schemas.model_file import Vector
+from schemas.model_file import Numbers
 from schemas.sequence import LengthUnit
 
-State = float | Vector  # radians or input units; a rotation vector of a spherical joint
+State = Numbers  # radians and input units
 Row = tuple[float, float, float, float]
 Transform = tuple[Row, Row, Row, Row]
 
 
 class TargetFit(Schema):
-    """How far the posed source points are from their targets, in the input's units."""
+    """The distances of the posed source points from their targets, in the input's units."""
 
     rms: float
     greatest: float
@@ -25,10 +25,10 @@ class TargetFit(Schema):
 
 
 class Pose(Schema):
-    """The joints' states by name, and where the root's points of the canonical frame lie; input units, radians.
+    """The joints' states by name and the root's transform from the canonical frame; input units and radians.
 
-    The targets do not tell the states of the `undetermined` joints, which stay as in the nearest observed frame, and
-    press those `at_limit` against their limits.
+    The targets do not determine the states of the `undetermined` joints, which stay as in the nearest observed frame.
+    The joints `at_limit` would go beyond their limits to come closer to the targets.
     """
 
     format: Literal["rearticulate/pose"] = "rearticulate/pose"
@@ -40,7 +40,7 @@ class Pose(Schema):
     undetermined: tuple[str, ...] = ()
     base_undetermined: bool = False
     at_limit: tuple[str, ...] = ()
-    targets: TargetFit | None = Field(default=None, description="where the pose was found by targets")
+    targets: TargetFit | None = Field(default=None, description="only if the pose was found by targets")
 
     @model_validator(mode="after")
     def _check_root(self) -> Self:

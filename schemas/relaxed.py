@@ -1,4 +1,4 @@
-"""What the relaxed fit writes, for one candidate canonical frame."""
+"""The artifact of the relaxed fit of one candidate canonical frame."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ RECONSTRUCTION_ENERGIES = ("E_recons", "E_CD", "E_EMD", "E_flow")  # the whole a
 class RelaxedModel(Artifact):
     """Part labels on the canonical frame and one free rigid motion per part and frame (Eq. 5).
 
-    Every label in 0..parts-1 is used by at least one point.
+    At least one point has each of the labels 0..parts-1.
     """
 
     canonical_frame: Annotated[int, Within(0, "frames")]
     labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
     Ts_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid()]
     energy_history: Annotated[Float64[np.ndarray, "records energies"], Unit("normalised")] = Field(
-        description="what the solver lowered, over the run; a column for each of `energy_names`"
+        description="the solver's energies over the run; a column for each of `energy_names`"
     )
     energy_names: tuple[str, ...] = RECONSTRUCTION_ENERGIES
     solver: str

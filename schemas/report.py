@@ -1,4 +1,4 @@
-"""What the report stage writes beside report.html and report.png: what the model leaves of the frames."""
+"""The artifact of the report stage, beside report.html and report.png: the model's residuals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from schemas.artifact import Artifact, Unit, Within
 
 
 class Report(Artifact):
-    """Residuals of every part in every frame: root mean square nearest distances between model and frame."""
+    """Residuals of every part in every frame: RMS nearest distances between model and frame."""
 
     residuals: Annotated[Float64[np.ndarray, "frames parts"], Unit("% of the diagonal"), Within(0, 1e15)]
-    sampling: float = Field(description="what a perfect model would leave, since frames are sampled independently: %")
+    sampling: float = Field(description="residual of a perfect model, due to independent sampling, %")

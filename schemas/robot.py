@@ -1,4 +1,4 @@
-"""A robot description: what a URDF or an MJCF file says of a model, in metres, kilograms and radians."""
+"""A robot description: the content of a URDF or MJCF file, in metres, kilograms and radians."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from jaxtyping import Float64, Int64
 from pydantic import Field
 
 from schemas.artifact import Artifact, Schema, Unit
-from schemas.model_file import Vector
+from schemas.model_file import Numbers, Vector
 
 MeshRole = Literal["visual", "collision"]
 SolidKind = Literal["mesh", "hull", "none"]
 
 
 class RobotMesh(Schema):
-    """One mesh of a link; its vertices and triangles follow those of the meshes before it in the robot's arrays."""
+    """One mesh of a link. The robot's arrays hold the vertices and triangles of all meshes in their order."""
 
     link: int
     role: MeshRole
@@ -29,54 +29,58 @@ class RobotMesh(Schema):
 class RobotLink(Schema):
     """A rigid part. Its frame has the canonical frame's orientation.
 
-    The root's is the canonical frame itself, or where that lies so far away that meshes would lose digits, beside the
-    object.
+    The root's frame is the canonical frame. If that lies so far away that meshes would lose digits, the root's frame
+    is moved to the object.
     """
 
     name: str
-    points: int = Field(description="the surface points that its mesh was made of")
+    points: int = Field(description="number of surface points that its mesh was made from")
     origin: Vector = Field(description="of its frame, in the canonical frame's coordinates")
     mass: float = Field(gt=0)
     centre: Vector = Field(description="of mass, in the link's frame")
     inertia: tuple[float, float, float, float, float, float] = Field(
         description="ixx, iyy, izz, ixy, ixz, iyz about the centre of mass"
     )
-    solid: SolidKind = Field(description="whose volume mass and inertia are of")
+    solid: SolidKind = Field(description="the volume that gives mass and inertia")
 
 
 class RobotJoint(Schema):
-    """A joint at its child's origin; `axis` is in the frame of either link, as both have one orientation at zero."""
+    """A joint at its child's origin. At zero both links have the same orientation, so `axis` holds in either frame.
+
+    Simulators know hinges, slides and balls. A joint of any other kind becomes several joints of one child, slides
+    first. The states of a ball are rotation vectors, and its limits apply to their lengths.
+    """
 
     name: str
     parent: int
     child: int
-    type: Literal["revolute", "prismatic"]
+    type: Literal["revolute", "prismatic", "spherical"]
     axis: Vector
     lower: float
     upper: float
     effort: float
     velocity: float
     damping: float
-    states: tuple[float, ...] = Field(description="the fitted ones, one for each frame")
+    states: tuple[Numbers, ...] = Field(description="the fitted ones, one for each frame")
 
 
 class Robot(Artifact):
-    """Links in the model's order, joints from the root outwards, and the meshes one after the other."""
+    """Links in the model's order, joints from the root outwards, and all meshes in shared arrays."""
 
     name: str
     metres_per_unit: float
     size: float = Field(description="the diagonal of the canonical points' box, metres")
-    units: str = Field(description="of the model's coordinates, as far as it tells")
+    units: str = Field(description="of the model's coordinates, if known")
     canonical_frame: int
     root: int
     free_base: bool
     density: float
-    remarks: tuple[str, ...] = Field(default=(), description="what the user should know, one line each")
+    remarks: tuple[str, ...] = Field(default=(), description="remarks for the user, one line each")
     links: tuple[RobotLink, ...]
     joints: tuple[RobotJoint, ...]
     meshes: tuple[RobotMesh, ...]
     vertices: Annotated[Float64[np.ndarray, "all_vertices 3"], Unit("metre")] = Field(description="in links' frames")
-    triangles: Annotated[Int64[np.ndarray, "all_triangles 3"], Unit("index")] = Field(description="from each mesh's 0")
+    triangles: Annotated[Int64[np.ndarray, "all_triangles 3"], Unit("index")] = Field(description="per mesh, from 0")
     touching: Annotated[Int64[np.ndarray, "pairs 2"], Unit("index")] = Field(
         description="links whose collision meshes overlap in the canonical frame, and linked ones"
     )

@@ -1,4 +1,4 @@
-"""The evaluation of a whole data set: the figures of every sequence, their means, and what is missing."""
+"""The evaluation of a whole data set: the metrics of every sequence, their means, and what is missing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Verdict = Literal["better", "worse", "same"]
 
 @dataclass(frozen=True)
 class Measure:
-    """How a figure is shown, and which direction is better. One decimal is for the means of whole numbers."""
+    """How a metric is shown, and which direction is better. Means of whole numbers have one decimal."""
 
     title: str
     unit: str = ""
@@ -28,10 +28,9 @@ class Measure:
 
 
 class Figures(Schema):
-    """The figures of one sequence, or the means over several; None where nothing tells them.
+    """The metrics of one sequence, or the means over several. None marks an unknown value.
 
-    Those of joints are over all matched joints, whichever sequence they belong to: a sequence with one joint
-    weighs as much as one joint.
+    Means over joints weigh every matched joint equally, whichever sequence it belongs to.
     """
 
     parts_found: Annotated[float | None, Measure("parts", decimals=1)] = None
@@ -41,17 +40,23 @@ class Figures(Schema):
     )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
     told_share: Annotated[float | None, Measure("told")] = Field(
-        default=None, description="share of the points whose part the motion tells"
+        default=None, description="share of observable points, whose part the motion determines"
     )
     ari_told: Annotated[float | None, Measure("ARI told", better="higher")] = Field(
-        default=None, description="over the points whose part the motion tells"
+        default=None, description="over observable points"
     )
     ri: Annotated[float | None, Measure("RI", better="higher")] = None
     tree_edit_distance: Annotated[float | None, Measure("TED", decimals=1, better="lower")] = None
     recon_cm: Annotated[float | None, Measure("recon", "cm", better="lower")] = None
     recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
+    recon_of_motion_percent: Annotated[float | None, Measure("recon / motion", "%", 2, "lower")] = Field(
+        default=None, description="% of the mean true motion from the canonical frame"
+    )
     epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
     epe_percent: Annotated[float | None, Measure("EPE", "%", better="lower")] = None
+    epe_of_flow_percent: Annotated[float | None, Measure("EPE / flow", "%", 2, "lower")] = Field(
+        default=None, description="% of the mean true flow"
+    )
     acc5: Annotated[float | None, Measure("acc5", better="higher")] = None
     acc10: Annotated[float | None, Measure("acc10", better="higher")] = None
     reanimation_cm: Annotated[float | None, Measure("reanim.", "cm", better="lower")] = None
@@ -67,6 +72,9 @@ class Figures(Schema):
     axis_distance_percent: Annotated[float | None, Measure("axis dist.", "%", 2, "lower")] = Field(
         default=None, description="median over the matched revolute joints, % of the diagonal"
     )
+    ball_centre_percent: Annotated[float | None, Measure("ball centres", "%", 2, "lower")] = Field(
+        default=None, description="mean distance over the matched ball joints, % of the diagonal"
+    )
     joint_type_accuracy: Annotated[float | None, Measure("joint types", better="higher")] = Field(
         default=None, description="share of the matched joints whose type is right"
     )
@@ -78,7 +86,7 @@ class Figures(Schema):
         default=None, description="of all stages"
     )
     peak_memory_mib: Annotated[float | None, Measure("memory", "MiB", 0, "lower")] = Field(
-        default=None, description="of the hungriest stage"
+        default=None, description="of the stage with the most"
     )
 
 
@@ -91,14 +99,14 @@ MEASURES: dict[str, Measure] = {
 
 
 class StageCost(Schema):
-    """What a stage of a sequence took, all its candidates together; or the mean of that."""
+    """The time and memory of a stage, all candidates together, for one sequence or as the mean of several."""
 
     seconds: float
     peak_memory_mib: float | None
 
 
 class SequenceScore(Schema):
-    """One evaluated sequence. `robot`, `type` and `split` are None where the data set does not tell."""
+    """One evaluated sequence. `robot`, `type` and `split` are None if the data set does not define them."""
 
     sequence: Name
     robot: str | None = None
@@ -131,7 +139,7 @@ class GroupScore(Schema):
 
 
 class Scores(Schema):
-    """`evaluation.json`: everything that the tables show."""
+    """The content of `evaluation.json`: everything that the tables show."""
 
     format: Literal["rearticulate/evaluation"] = "rearticulate/evaluation"
     version: Literal[1] = 1
@@ -145,7 +153,7 @@ class Scores(Schema):
 
 
 class Difference(Schema):
-    """One figure, before and after."""
+    """One metric, before and after."""
 
     before: float
     after: float
@@ -157,14 +165,14 @@ class Difference(Schema):
 
 
 class ComparedFigures(Schema):
-    """The differences of one sequence, or of the means; figures that either side lacks are left out."""
+    """The differences of one sequence or of the means, for the metrics that both sides have."""
 
     name: str
     differences: dict[str, Difference]
 
 
 class Comparison(Schema):
-    """What got better or worse between two evaluations; means are over the sequences that both have."""
+    """The difference of two evaluations. Means are over the sequences that both have."""
 
     before: str = Field(description="where the earlier evaluation was read")
     settings: tuple[str, ...] = Field(description="the settings that differ, as `name: before -> after`")

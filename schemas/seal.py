@@ -1,11 +1,11 @@
-"""Files that hold their own digest: whatever byte of them is changed, it is noticed."""
+"""Files that hold their own digest, so that any changed byte is detected."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
 
-BLANK = "0" * 64  # what stands in the digest's place while it is taken
+BLANK = "0" * 64  # placeholder for the digest while it is computed
 
 
 def sha256(content: bytes) -> str:
@@ -20,10 +20,10 @@ def file_sha256(path: Path) -> str:
 
 
 def sealed(content: bytes) -> bytes:
-    """The content with its digest in place of the first BLANK."""
+    """Replace the first BLANK in the content by the content's digest."""
     return content.replace(BLANK.encode(), sha256(content).encode(), 1)
 
 
 def intact(content: bytes, digest: str) -> bool:
-    """Whether the content, which holds this digest, is as it was sealed."""
+    """Whether sealed content, which holds `digest`, is unchanged."""
     return sha256(content.replace(digest.encode(), BLANK.encode(), 1)) == digest

@@ -1,4 +1,4 @@
-"""What ingest writes: the observed sequence and, where there is one, its ground truth."""
+"""The artifact of ingest: the observed sequence and its ground truth, if known."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from jaxtyping import Float64, Int64
 from pydantic import Field, FiniteFloat, model_validator
 
 from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
+from schemas.joints import JOINT_KINDS, JointKind, JointType
 
 LengthUnit = Literal["metre", "centimetre", "millimetre", "unknown"]
-JointType = Literal["revolute", "prismatic", "spherical"]
 
 LENGTH_SYMBOLS: dict[LengthUnit, str] = {
     "metre": "m",
@@ -20,16 +20,15 @@ LENGTH_SYMBOLS: dict[LengthUnit, str] = {
     "unknown": "input units",
 }
 METRES: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001}
-MOST_POINTS = 2**40  # of a frame
-JOINT_MARKS: dict[JointType, str] = {"revolute": "R", "prismatic": "P", "spherical": "S"}
+MOST_POINTS = 2**40  # in one frame
 
 
 class PointSequence(Artifact):
     """T independently sampled point clouds, in a normalised frame.
 
     The normalised frame is centred on the object and scaled so that the diagonal of its bounding box is
-    one: `p_input = p_normalised * scale + centre`. The frames lie one after the other in `points`;
-    frame t holds `point_counts[t]` of them, in the input's order.
+    one: `p_input = p_normalised * scale + centre`. `points` holds the frames one after the other. Frame t has
+    `point_counts[t]` points, in the input's order.
     """
 
     points: Annotated[Float64[np.ndarray, "all_points 3"], Unit("normalised")]
@@ -69,45 +68,49 @@ class PointSequence(Artifact):
         return self.by_frame(self.points)
 
     def by_frame(self, values: np.ndarray) -> list[np.ndarray]:
-        """What every point has, in the order of `points`, as views: one for each frame."""
+        """Split values of all points, in the order of `points`, into one view per frame."""
         return np.split(values, np.cumsum(self.point_counts)[:-1])
 
     def to_input(self, p_normalised: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
-        """Normalised coordinates to the input's coordinates and units."""
+        """Convert normalised coordinates to the input's coordinates and units."""
         return p_normalised * self.scale + np.asarray(self.centre)
 
 
 class TrueJoint(Schema):
-    """One joint of the ground truth, in normalised coordinates of frame 0."""
+    """One joint of the ground truth, in normalised coordinates of frame 0. `point` is a ball joint's centre."""
 
     name: str
     parent: int
     child: int
     type: JointType
-    axis: tuple[float, float, float] = Field(description="unit direction of the axis in frame 0")
+    axis: tuple[float, float, float] = Field(description="unit direction of the axis in frame 0; any of a ball joint")
     point: tuple[float, float, float] = Field(description="a point on the axis in frame 0")
     states: tuple[float, ...] = Field(
         description="joint position in each frame minus the one in frame 0: "
-        "radians (revolute) or normalised lengths (prismatic)"
+        "radians (revolute) or normalised lengths (prismatic); of a ball joint the angle between the two"
     )
+
+    @property
+    def kind(self) -> JointKind:
+        return JOINT_KINDS[self.type]
 
 
 class GroundTruth(Artifact):
     """True parts, motions and tree of a sequence.
 
-    `parent[p]` is -1 for the root, and -1 for every part where the tree is unknown.
+    `parent[p]` is -1 for the root. If the tree is unknown, it is -1 for every part.
     """
 
     labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index"), Within(0, "parts")]
     Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
-        description="takes a point of part p from where it is in frame 0 to where it is in frame t"
+        description="maps a point of part p from its position in frame 0 to that in frame t"
     )
     Ts_novel_first: Annotated[Float64[np.ndarray, "states parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
         description="the same for unseen states, for the reanimation metric"
     )
     parent: Annotated[Int64[np.ndarray, "parts"], Unit("index"), Within(-1, "parts")]
     part_names: tuple[str, ...]
-    joints: tuple[TrueJoint, ...] = Field(description="empty where the source does not tell them")
+    joints: tuple[TrueJoint, ...] = Field(description="empty if the source does not define them")
 
     @model_validator(mode="after")
     def _check_tree(self) -> Self:
@@ -124,17 +127,59 @@ class GroundTruth(Artifact):
         return self
 
 
+class TrueSurface(Artifact):
+    """A rigid or soft surface with known vertices in every frame, and the places of the observed points on it.
+
+    Point i of `PointSequence.points` was sampled in its own frame at the mean of the vertices `corners[i]`, weighted by
+    `weights[i]`, which add up to one.
+    """
+
+    vertices: Annotated[Float64[np.ndarray, "frames vertices 3"], Unit("normalised")]
+    corners: Annotated[Int64[np.ndarray, "all_points 3"], Unit("index"), Within(0, "vertices")]
+    weights: Annotated[Float64[np.ndarray, "all_points 3"], Unit("share"), Within(0, 1)]
+
+
 class IngestedSequence(Artifact):
-    """The artifact of the ingest stage. Only evaluation reads `truth`; every other stage gets `sequence`."""
+    """The artifact of the ingest stage. Only evaluation and pictures read the truth; other stages get `sequence`.
+
+    `truth` holds the parts, if the source knows them. `surface` holds the place of each point in every frame, if rigid
+    parts do not determine it.
+    """
 
     sequence: PointSequence
     truth: GroundTruth | None = None
+    surface: TrueSurface | None = None
 
     def true_labels(self, frame: int) -> Int64[np.ndarray, "points"] | None:
-        """The true part of each point of a frame; None where there is no ground truth."""
+        """The true part of each point of a frame, or None without ground truth."""
         if self.truth is None:
             return None
         return self.sequence.by_frame(self.truth.labels)[frame]
+
+    def on_surface(self, frame: int) -> Float64[np.ndarray, "frames points 3"] | None:
+        """True positions in every frame of the points of one frame, from the surface; None without a surface.
+
+        A point keeps its observed offset from the surface.
+        """
+        if self.surface is None:
+            return None
+        corners, weights = (self.sequence.by_frame(of)[frame] for of in (self.surface.corners, self.surface.weights))
+        p_surface = np.stack([np.einsum("nk,nkd->nd", weights, p[corners]) for p in self.surface.vertices])
+        p_true: Float64[np.ndarray, "frames points 3"] = p_surface + (self.sequence.frames()[frame] - p_surface[frame])
+        return p_true
+
+    @model_validator(mode="after")
+    def _check_surface(self) -> Self:
+        if self.surface is None:
+            return self
+        found = (len(self.surface.corners), len(self.surface.vertices))
+        expected = (len(self.sequence.points), self.sequence.frame_count)
+        if found != expected:
+            raise ValueError(
+                f"TrueSurface: found places of {found[0]} points in {found[1]} frames, "
+                f"expected {expected[0]} in {expected[1]} as in the sequence"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_truth(self) -> Self:

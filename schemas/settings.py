@@ -1,4 +1,4 @@
-"""What the models of the configuration are made of: their base, and the types of their fields."""
+"""The base of the configuration's models and the types of their fields."""
 
 from __future__ import annotations
 
@@ -18,15 +18,23 @@ GREATEST_NUMBER = 1e12
 LEAST_NUMBER = 1e-12
 
 
+COMMON = "common"
+
+
+def common(default: Any, description: str, **constraints: Any) -> Any:
+    """Make a pydantic field for one of the few settings that many users change. All others are advanced."""
+    return Field(default, description=description, json_schema_extra={"tier": COMMON}, **constraints)
+
+
 class Settings(Schema):
-    """The base of every configuration: no number is NaN or infinite, or of a size that nobody can mean."""
+    """The base of every configuration. It refuses NaN, infinity and absurdly large numbers."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
     @field_validator("*")
     @classmethod
     def _check_size(cls, value: Any, info: ValidationInfo) -> Any:
-        """A slip of the finger ends in one line, not in a full memory; a field may state a bound of its own."""
+        """Refuse absurdly large numbers, so that a slip cannot fill the memory. A field may set its own bound."""
         bounds = cls.model_fields[info.field_name or ""].metadata
         bounded = any(hasattr(bound, "le") or hasattr(bound, "lt") for bound in bounds)
         for number in value if isinstance(value, tuple) else (value,):
@@ -53,7 +61,7 @@ def _different(values: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _name_or_path(name: str) -> str:
-    """Whether there is such a function is asked where it is looked up."""
+    """Check the form of a name or path. Whether the function exists is checked when it is looked up."""
     module, separator, function = name.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), function if separator else "_")):
         raise ValueError("expected a registered name, or package.module:function")
@@ -61,7 +69,7 @@ def _name_or_path(name: str) -> str:
 
 
 def _length_unit(name: object) -> object:
-    """The unit that a name such as mm, meters or Centimetre means; anything else as it is, for pydantic to refuse."""
+    """Translate a name such as mm, meters or Centimetre to its unit. Other values pass, for pydantic to refuse."""
     if not isinstance(name, str):
         return name
     plain = name.strip().lower()

@@ -1,4 +1,4 @@
-"""The log of a training run, log.jsonl: a line a step, and a line a measurement."""
+"""The log of a training run, log.jsonl: one line for each step and each measurement."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from schemas.artifact import Schema
 
 
 class Step(Schema):
-    """One step: the batch's loss, the rate it was learned with, and the seconds since training began or went on."""
+    """One step: the batch's loss, the learning rate, and the seconds since training began or resumed."""
 
     kind: Literal["step"] = "step"
     step: int
@@ -18,10 +18,10 @@ class Step(Schema):
 
 
 class Measurement(Schema):
-    """The network on the validation pairs after a step.
+    """The network's performance on the validation pairs after a step.
 
-    `loss` is the cross-entropy, `right` the share of points whose best match lies within 2 % of the diagonal of the
-    true place, `mutual` the share of points that are their best match's best match, `mutual_right` that of right ones
+    `loss` is the cross-entropy. `right` is the share of points whose best match lies within 2 % of the diagonal of the
+    true place. `mutual` is the share of points with a mutual best match, and `mutual_right` the share of right matches
     among these.
     """
 

@@ -15,7 +15,7 @@ from schemas.model_file import ModelFile, ModelJoint, ModelPart, Result
 from schemas.relaxed import RelaxedModel
 from schemas.report import Report
 from schemas.robot import Robot, RobotLink, RobotMesh
-from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
+from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
 
 FRAMES = 3
 
@@ -58,6 +58,15 @@ def ground_truth() -> GroundTruth:
     )
 
 
+def true_surface() -> TrueSurface:
+    rng = np.random.default_rng(2)
+    return TrueSurface(
+        vertices=rng.normal(size=(FRAMES, 7, 3)),
+        corners=rng.integers(7, size=(12, 3)),
+        weights=np.tile([0.2, 0.3, 0.5], (12, 1)),
+    )
+
+
 def flow(matches: int = 4) -> Flow:
     rng = np.random.default_rng(1)
     return Flow(
@@ -71,8 +80,6 @@ def flow(matches: int = 4) -> Flow:
 
 def kinematic_model() -> KinematicModel:
     """Three parts in a chain: a hinge and a slider."""
-    states = np.zeros((2, FRAMES, 2))
-    states[0, :, 0] = states[1, :, 1] = [0.0, 0.1, -0.2]
     return KinematicModel(
         canonical_frame=1,
         root=0,
@@ -83,7 +90,7 @@ def kinematic_model() -> KinematicModel:
         joint_types=("revolute", "prismatic"),
         axis=np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
         point=np.zeros((2, 3)),
-        states=states,
+        states=np.array([[0.0, 0.0], [0.1, 0.1], [-0.2, -0.2]]),
         e_spatial=np.array([0.1, 0.2]),
         e_1dof=np.array([1e-300, 0.3]),
         energies={"E_project": 0.1 + 0.2, "E_group": float("inf")},
@@ -102,7 +109,7 @@ def single_part() -> KinematicModel:
         joint_types=(),
         axis=np.zeros((0, 3)),
         point=np.zeros((0, 3)),
-        states=np.zeros((0, FRAMES, 2)),
+        states=np.zeros((FRAMES, 0)),
         e_spatial=np.zeros(0),
         e_1dof=np.zeros(0),
         energies={},
@@ -184,6 +191,7 @@ SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),
+    "ingested_surface": lambda: IngestedSequence(sequence=point_sequence(), surface=true_surface()),
     "ingested_without_truth": lambda: IngestedSequence(sequence=point_sequence()),
     "flow": flow,
     "flow_without_matches": lambda: flow(0),

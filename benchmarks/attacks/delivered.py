@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pipeline.delivery import check_delivery
-from pipeline.model_folder import read_model_folder
+from pipeline.results.delivery import check_delivery
+from pipeline.results.model_folder import read_model_folder
 from schemas.errors import InputError
 
 DELIVERED = (

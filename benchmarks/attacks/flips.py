@@ -14,7 +14,7 @@ import numpy as np
 
 from attacks.delivered import DELIVERED, delivered_problem
 from attacks.hinge import Prepared
-from pipeline import store
+from pipeline.store import artifacts
 
 How = Literal["flipped", "cut", "removed"]
 Found = Literal["found", "same", "missed", "escaped"]  # `same`: what is read is what was written
@@ -70,7 +70,7 @@ def kinds(count: int, rng: np.random.Generator) -> Iterable[How]:
 
 def stored_files(folder: Path) -> list[Path]:
     """Every file of the artifacts below a folder."""
-    manifests = folder.rglob(store.MANIFEST)
+    manifests = folder.rglob(artifacts.MANIFEST)
     return sorted(path for manifest in manifests for path in manifest.parent.rglob("*") if path.is_file())
 
 
@@ -94,14 +94,14 @@ def flip_artifacts(folder: Path, count: int, rng: np.random.Generator, report: C
 
 
 def _read(directory: Path) -> object:
-    return store.read_manifest(directory), store.read_files(directory)
+    return artifacts.read_manifest(directory), artifacts.read_files(directory)
 
 
 def judge_read(read: Callable[[], object], before: object) -> tuple[Found, str]:
     """What became of a read of something damaged."""
     try:
         after = read()
-    except store.CorruptArtifactError as error:
+    except artifacts.CorruptArtifactError as error:
         return "found", str(error)
     except Exception as error:  # whatever else escapes from the reader is what is looked for
         return "escaped", f"{type(error).__name__}: {error}"

@@ -21,10 +21,10 @@ import numpy as np
 from attacks.command import alive, end_session, session
 from attacks.delivered import DELIVERED, whole
 from attacks.hinge import Prepared
-from pipeline import store
+from pipeline.store import artifacts
 
 FIT = 'exec reart fit frames --out out --preset "$TINY" --truth frames/ground_truth.npz'
-LEFTOVERS = (f"**/{store.STAGING}*", f"**/{store.REPLACED}*", "**/*.partial*", "**/.*.tmp*")
+LEFTOVERS = (f"**/{artifacts.STAGING}*", f"**/{artifacts.REPLACED}*", "**/*.partial*", "**/.*.tmp*")
 DELIVERY_SHARE = 0.4  # of the kills
 SHARED_MEMORY = Path("/dev/shm")
 POLL = 0.002
@@ -230,7 +230,7 @@ def stamps(folder: Path) -> dict[str, int]:
 
 def completed(out: Path) -> dict[str, int]:
     """The complete artifacts, and when they were."""
-    return {path.parent.name: path.stat().st_mtime_ns for path in out.glob(f"workdir/*/*/*/{store.MANIFEST}")}
+    return {path.parent.name: path.stat().st_mtime_ns for path in out.glob(f"workdir/*/*/*/{artifacts.MANIFEST}")}
 
 
 def fingerprint(out: Path) -> str:

@@ -1,4 +1,4 @@
-"""The command line: `reart`, one module a command."""
+"""The command line `reart`, with one module for each command."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from pipeline.cli.pose import pose
 from pipeline.cli.process import Ended, answering_signals, check_surroundings, close_output, open_standard_streams
 from pipeline.cli.rerun import rerun
 from pipeline.cli.run import run
+from pipeline.cli.settings import settings
 from pipeline.cli.status import status
 from pipeline.cli.train_flow import train_flow
-from pipeline.failures import one_line
-from pipeline.store import ArtifactError
+from pipeline.run.failures import one_line
+from pipeline.store.artifacts import ArtifactError
 from schemas.errors import InputError
 
 OF_A_FILE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
@@ -32,7 +33,7 @@ KEPT = "what was complete is kept, and the same command goes on from there"
 
 
 class OneLineErrors(TyperGroup):
-    """What the user can put right ends in one line on standard error, never in a traceback."""
+    """Report errors that the user can correct in one line on standard error, without a traceback."""
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **more: Any) -> Any:
         open_standard_streams()
@@ -44,7 +45,7 @@ class OneLineErrors(TyperGroup):
                 close_output()
 
     def invoke(self, ctx: Any) -> Any:
-        with _as_exit_codes():  # before Typer gives some of them a meaning of its own
+        with _as_exit_codes():  # before Typer handles some of them itself
             return super().invoke(ctx)
 
 
@@ -60,9 +61,9 @@ def _as_exit_codes() -> Iterator[None]:
         _end(one_line(error), 1)
     except OSError as error:
         if error.errno == errno.EPIPE:
-            sys.exit(1)  # whoever read has left
+            sys.exit(1)  # the reader of the pipe is gone
         if error.filename is None and error.errno in OF_A_FILE:
-            error.filename = "standard output"  # every other file is named where it is written
+            error.filename = "standard output"  # errors of all other files name them already
         _end(one_line(error), 2 if error.errno == errno.ENAMETOOLONG else 1)
     except MemoryError as error:
         _end(one_line(error), 1)
@@ -73,7 +74,7 @@ def _as_exit_codes() -> Iterator[None]:
 
 
 def _end(message: str, code: int) -> None:
-    with contextlib.suppress(OSError):  # a terminal that is gone
+    with contextlib.suppress(OSError):  # the terminal may be gone
         print("error:", message, file=sys.stderr)
     sys.exit(code)
 
@@ -102,5 +103,5 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose, train_flow):
+for command in (fit, run, evaluate, status, inspect, rerun, figure, export, pose, settings, train_flow):
     app.command()(command)

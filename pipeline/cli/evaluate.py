@@ -1,4 +1,4 @@
-"""`reart evaluate`: the tables of a data set, from the evaluations that are there."""
+"""`reart evaluate`: tables of a data set from its existing evaluations."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rich.console import Console
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     JsonOption,
     PresetOption,
     SeedOption,
@@ -19,14 +20,14 @@ from pipeline.cli.options import (
     SetOption,
     WorkdirOption,
     dataset_config,
+    names,
     screen,
-    sequence_names,
     writable_folder,
 )
 from pipeline.cli.run import show
 from pipeline.cli.tables import screen_table
-from pipeline.protocol import Request
-from pipeline.report_tables import comparison_tables
+from pipeline.results.report_tables import comparison_tables
+from pipeline.run.protocol import Request
 from schemas.scores import Comparison, MissingScore
 
 
@@ -39,6 +40,7 @@ def evaluate(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     settings: SetOption,
     out: Annotated[
         Path | None, typer.Option(help="Where the files go.", show_default="WORKDIR/DATASET/evaluation")
@@ -50,9 +52,9 @@ def evaluate(
 ) -> None:
     """Show the evaluation of a data set, by sequence, robot type and split; write it as JSON, Markdown, CSV and HTML.
 
-    Nothing is computed: what has no evaluation for these settings is named, and then the exit code is 1. What this
-    machine cannot get is named too, but only counts where --sequences asks for it. With --against, --json prints
-    the comparison.
+    Nothing is computed. Sequences without an evaluation for these settings are named, and the exit code is then 1.
+    Sequences that this machine cannot get are named too, but only count if --sequences asks for them. With --against,
+    --json prints the comparison.
 
     Examples:
 
@@ -60,17 +62,17 @@ def evaluate(
 
     - `reart evaluate --dataset roboart --against earlier/evaluation.json`
     """
-    from pipeline.comparison import compare
-    from pipeline.evaluation_files import default_folder, write_evaluation
-    from pipeline.scores import gather, read_scores
+    from pipeline.results.comparison import compare
+    from pipeline.results.evaluation_files import default_folder, write_evaluation
+    from pipeline.results.scores import gather, read_scores
 
-    earlier = None if against is None else read_scores(against)  # first: it may be what is about to be overwritten
+    earlier = None if against is None else read_scores(against)  # first, since this run may overwrite it
     request = Request(
         dataset=dataset,
         workdir=workdir,
-        config=dataset_config(dataset, preset, settings, seed),
+        config=dataset_config(dataset, preset, settings, seed, joints),
         data=data,
-        sequences=sequence_names(sequences),
+        sequences=names(sequences),
     )
     scores = gather(request, split)
     comparison = None if earlier is None else compare(earlier, scores, str(against))
@@ -89,20 +91,20 @@ def evaluate(
 
 
 def show_comparison(comparison: Comparison, console: Console) -> None:
-    """What got better or worse, what was set otherwise, and what is not in both."""
+    """Print the differences, the changed settings, and the sequences that only one evaluation has."""
     for table in comparison_tables(comparison):
         console.print(screen_table(table))
-    for words, names in (
+    for words, listed in (
         ("settings that differ", comparison.settings),
         ("only before", comparison.only_before),
         ("only now", comparison.only_after),
     ):
-        if names:
-            console.print(f"{words}: {', '.join(names)}", soft_wrap=True, markup=False)
+        if listed:
+            console.print(f"{words}: {', '.join(listed)}", soft_wrap=True, markup=False)
 
 
 def name_missing(missing: tuple[MissingScore, ...]) -> None:
-    """Say on standard error what has no evaluation, why, and where the log is."""
+    """Name on standard error the sequences without an evaluation, each with the reason and the log."""
     for entry in missing:
         log = f" (log: {entry.log})" if entry.log else ""
         print(f"{entry.sequence} {entry.state}: {entry.message}{log}", file=sys.stderr)

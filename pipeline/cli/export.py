@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, SetOption, naming, writable_folder
-from pipeline.delivery import check_target, deliver
-from pipeline.model_folder import frames_of_model, read_model_folder
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
+from pipeline.results.delivery import check_target, deliver
+from pipeline.results.model_folder import frames_of_model, read_model_folder
 from schemas.errors import InputError
 
 FORMATS = ("urdf", "mjcf")
@@ -36,7 +36,7 @@ def export(
 ) -> None:
     """Write a model as URDF or MJCF, with a mesh, mass and inertia for every part and limits for every joint.
 
-    Meshes are made of all frames' points where the fit's artifacts are still there, else of the canonical frame's.
+    Meshes are made from the points of all frames if the fit's artifacts still exist, else from the canonical frame.
 
     Examples:
 
@@ -55,12 +55,12 @@ def export(
     result = read_model_folder(model)
     folder = writable_folder(out or model, "--out")
     check_target(folder)
-    from stages.export import WRITERS, check_exportable, describe  # Open3D takes seconds to import
+    from stages.export.stage import WRITERS, check_exportable, compute_export  # Open3D takes seconds to import
 
     with naming(model):
         check_exportable(result)
     frames = frames_of_model(model, result)
-    robot = describe(result, frames, config, model.resolve().name)
+    robot = compute_export(result, frames, config, model.resolve().name)
     files = WRITERS[to](robot)
     deliver(folder, files)
     what = f"{len(frames)} frames" if frames else "the canonical frame only"

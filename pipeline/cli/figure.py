@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.options import ModelArgument, writable_folder
-from pipeline.files import write_atomically
-from pipeline.model_folder import ingested_of_model, read_model_folder
+from pipeline.results.model_folder import ingested_of_model, read_model_folder
+from pipeline.store.files import write_atomically
 from schemas.errors import InputError
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -22,7 +22,7 @@ def figure(
 ) -> None:
     """Draw a model: the input, its parts and screw axes, the kinematic tree, the implied flow, and a posed frame.
 
-    Below it the truth, where the fit's artifacts are still there and know it.
+    A second row shows the ground truth if the fit's artifacts still exist and hold it.
 
     Example: `reart figure models/lamp --out lamp.png`
     """

@@ -1,4 +1,4 @@
-"""`reart fit`: one sequence of point clouds to a model."""
+"""`reart fit`: fit a model to one sequence of point clouds."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline import store
 from pipeline.cli.options import (
+    JointsOption,
     PresetOption,
     SeedOption,
     SetOption,
@@ -23,10 +23,11 @@ from pipeline.cli.options import (
 )
 from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
-from pipeline.delivery import MESHES, RECORD, check_target, deliver
-from pipeline.launch import Outcome
-from pipeline.protocol import Request
-from pipeline.remarks import remarks
+from pipeline.results.delivery import MESHES, RECORD, check_target, deliver
+from pipeline.results.remarks import remarks
+from pipeline.run.launch import Outcome
+from pipeline.run.protocol import Request
+from pipeline.store import artifacts
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile
 
@@ -45,6 +46,7 @@ def fit(
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
@@ -57,7 +59,7 @@ def fit(
     - `reart fit lamp.npz --out models/lamp --set final_fit.part_price=20`
     """
     options = {"--units": ("ingest.units", units)}
-    config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, options)
+    config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, joints, options)
     request = Request(
         dataset=DATASET,
         workdir=writable_folder(out, "--out") / "workdir",
@@ -81,16 +83,16 @@ def fit(
 
 
 def directory_of(outcome: Outcome, task: str) -> Path:
-    """The artifact of a task of the only sequence."""
+    """The artifact folder of a task of the only sequence."""
     return next(place.directory for place in outcome.planned.values() if place.task == task)
 
 
 def delivered_files(outcome: Outcome) -> dict[str, bytes]:
-    """What the user gets, by relative path: the model first, which is written last, and meshes last."""
+    """The delivered files by relative path. The model comes first, since `deliver` writes the first file last."""
     stages = ("result", "export", "report")
-    result, exported, report = (store.read_files(directory_of(outcome, stage)) for stage in stages)
+    result, exported, report = (artifacts.read_files(directory_of(outcome, stage)) for stage in stages)
     files = {name: result[name] for name in ("model.json", "model.npz")}
-    metrics = store.read(directory_of(outcome, "evaluation"), Metrics)
+    metrics = artifacts.read(directory_of(outcome, "evaluation"), Metrics)
     if metrics.parts_true is not None:
         files["metrics.json"] = metrics.model_dump_json(indent=1).encode() + b"\n"
     files["report.html"] = report["report.html"]
@@ -99,10 +101,10 @@ def delivered_files(outcome: Outcome) -> dict[str, bytes]:
 
 
 def summarise(request: Request, outcome: Outcome, console: Console) -> None:
-    """Say what was found, how well it fits, and what the user should know of it."""
-    model = store.read_manifest(directory_of(outcome, "result")).payload["model"]
+    """Print the model, its residuals, and remarks for the user."""
+    model = artifacts.read_manifest(directory_of(outcome, "result")).payload["model"]
     console.print(model_table(ModelFile.model_validate(model)))
-    energies = store.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
+    energies = artifacts.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
     console.print("  ".join(f"{name} {value:.4g}" for name, value in energies.items()))
     show(evaluation_of(request, outcome), console)
     for _, line in remarks(outcome):

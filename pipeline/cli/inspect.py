@@ -1,4 +1,4 @@
-"""`reart inspect`: what an artifact holds, and whether it is sound."""
+"""`reart inspect`: the content of an artifact, and whether it is intact."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from pipeline import inspection
 from pipeline.cli.options import JsonOption, screen
-from pipeline.delivery import RECORD, check_delivery
-from pipeline.store import MANIFEST
+from pipeline.results import inspection
+from pipeline.results.delivery import RECORD, check_delivery
+from pipeline.store.artifacts import MANIFEST
 from schemas.errors import InputError
 
 
@@ -26,9 +26,9 @@ def inspect(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Show an artifact: where it came from, its arrays and energies. Exit code 1 where it is corrupt.
+    """Show an artifact: its provenance, arrays and energies. The exit code is 1 if it is corrupt.
 
-    Of a folder that `reart fit` or `reart export` filled it tells whether every file is still as it was written.
+    For a folder that `reart fit` or `reart export` wrote, check that every file is unchanged.
 
     Examples:
 
@@ -52,7 +52,7 @@ def inspect(
 
 
 def show_delivery(problems: list[str], as_json: bool) -> NoReturn:
-    """Tell what is wrong with delivered files, and exit."""
+    """Print the problems of delivered files, and exit."""
     if as_json:
         print(json.dumps({"problems": problems}, indent=1))
     else:
@@ -61,7 +61,7 @@ def show_delivery(problems: list[str], as_json: bool) -> NoReturn:
 
 
 def show(report: inspection.Inspection, console: Console) -> None:
-    """The manifest but for the configuration, the arrays, the energies, and what is corrupt."""
+    """Print the manifest without the configuration, the arrays, the energies and the problems."""
     if report.manifest is not None:
         manifest = report.manifest.model_dump(mode="json", exclude={"config", "arrays", "payload", "files", "digest"})
         for name, value in manifest.items():

@@ -1,4 +1,4 @@
-"""What several commands share: their options, and how a run is shown and ended."""
+"""Options that several commands share, and how they show and end a run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from pipeline import launch, store
-from pipeline.display import RunDisplay
-from pipeline.failures import AGAIN
-from pipeline.presets import DATASETS, load_config
-from pipeline.protocol import Request
+from pipeline.cli.display import RunDisplay
+from pipeline.configuration.presets import BODIES, DATASETS, load_config
+from pipeline.run import launch
+from pipeline.run.failures import AGAIN
+from pipeline.run.protocol import Request
+from pipeline.store import artifacts
 from schemas.config import PipelineConfig
 from schemas.errors import InputError
+from schemas.joints import JOINT_KINDS
 
 
 def cores() -> int:
-    """How many processors this process may use."""
+    """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -50,6 +52,14 @@ SetOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int | None, typer.Option(min=0, help="The same seed and input give the same model; default 0.")]
+JointsOption = Annotated[
+    str | None,
+    typer.Option(
+        help=f"The kinds of joints that a model may have, of {', '.join(JOINT_KINDS)}; "
+        "spherical ones suit people, animals and ball-jointed things.",
+        show_default="revolute,prismatic",
+    ),
+]
 WorkersOption = Annotated[
     int, typer.Option(default_factory=cores, min=1, help="Stages computed at a time.", show_default="the cores")
 ]
@@ -64,7 +74,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of 
 
 
 def screen() -> Console:
-    """Standard output; wide enough for any table where it is not a terminal."""
+    """A console on standard output. If that is no terminal, it is wide enough for any table."""
     return Console(highlight=False, width=None if sys.stdout.isatty() else 160)
 
 
@@ -73,24 +83,27 @@ def dataset_config(
     preset: str | None,
     settings: list[str],
     seed: int | None,
+    joints: str | None,
     options: Mapping[str, tuple[str, Any]] | None = None,
 ) -> PipelineConfig:
-    """The configuration for a data set; further `options` as in `load_config`. Raises InputError."""
+    """Load the configuration for a data set. Further `options` are as in `load_config`. Raises InputError."""
     if dataset not in DATASETS:
         raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
     source = dataset.partition("-")[0]
-    presets = dict.fromkeys(name for name in (source, dataset, preset) if name is not None)
-    return load_config(list(presets), settings, {"--seed": ("seed", seed), **(options or {})})
+    bodies = "bodies" if dataset in BODIES else None
+    presets = dict.fromkeys(name for name in (source, bodies, dataset, preset) if name is not None)
+    shared = {"--seed": ("seed", seed), "--joints": ("projection.joints", names(joints))}
+    return load_config(list(presets), settings, shared | dict(options or {}))
 
 
-def sequence_names(sequences: str | None) -> tuple[str, ...] | None:
-    """The names in `a,b`; None for all."""
-    return None if sequences is None else tuple(name.strip() for name in sequences.split(",") if name.strip())
+def names(listed: str | None) -> tuple[str, ...] | None:
+    """Split `a,b` into names; None stays None."""
+    return None if listed is None else tuple(name.strip() for name in listed.split(",") if name.strip())
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before what is said of its content."""
+    """Prefix errors about a file's content with the file's name."""
     try:
         yield
     except InputError as error:
@@ -98,8 +111,8 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def writable_folder(folder: Path, option: str) -> Path:
-    """Make a folder where there is none. Raises InputError where nothing can be written there, and for an artifact."""
-    if (folder / store.MANIFEST).exists() and (folder / store.ARRAYS).exists():
+    """Make the folder if it is missing. Raises InputError for an artifact, and if the folder is not writable."""
+    if (folder / artifacts.MANIFEST).exists() and (folder / artifacts.ARRAYS).exists():
         raise InputError(f"{option} {folder}: found an artifact, whose files stay as they are; name another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -114,7 +127,7 @@ def writable_folder(folder: Path, option: str) -> Path:
 
 
 def follow(request: Request, console: Console) -> launch.Outcome:
-    """Run the engine and show what it does. Raises InputError where it refuses the request."""
+    """Run the engine and show its events. Raises InputError if it refuses the request."""
     with RunDisplay(console, request.workers) as display:
         outcome = launch.run(request, display)
     if outcome.refused:
@@ -123,17 +136,17 @@ def follow(request: Request, console: Console) -> launch.Outcome:
 
 
 def name_failures(outcome: launch.Outcome) -> None:
-    """Say on standard error what went wrong, and where the logs are."""
+    """Name the failed tasks on standard error, with their logs."""
     for failure in outcome.failures.values():
         log = outcome.log_of(failure)
-        where = f" (log: {log})" if log and os.path.isfile(log) else ""  # also where its folder is closed to us
+        where = f" (log: {log})" if log and os.path.isfile(log) else ""  # False too if we may not look into its folder
         print(f"error: {failure.sequence} {failure.task}: {failure.message}{where}", file=sys.stderr)
     if outcome.died:
         again = "" if AGAIN in outcome.died else f"; see to that, {AGAIN}"
         print(f"error: {outcome.died}{again}", file=sys.stderr)
     elif not outcome.failures and not outcome.planned:
         print(
-            "error: none of the sequences is to be had on this machine; the warnings tell how to get them",
+            "error: none of the sequences is available on this machine; the warnings say how to get them",
             file=sys.stderr,
         )
     elif not outcome.failures and outcome.incomplete():

@@ -1,4 +1,4 @@
-"""`reart pose`: a model in a new pose."""
+"""`reart pose`: put a model into a new pose."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.options import JsonOption, ModelArgument, naming, screen, writable_folder
-from pipeline.files import write_files
-from pipeline.model_folder import read_model_folder
+from pipeline.cli.tables import observed_range
+from pipeline.results.model_folder import read_model_folder
+from pipeline.store.files import write_files
 from schemas.errors import InputError
 from schemas.model_file import ModelFile
 from schemas.pose import Pose
@@ -26,7 +27,7 @@ def pose(
     targets: Annotated[
         Path | None,
         typer.Option(
-            help="Points of the canonical frame and where they are to lie, from one pair up: .csv with the columns "
+            help="Points of the canonical frame and their targets, at least one pair: .csv with the columns "
             "source_x, source_y, source_z, target_x, target_y, target_z; .json or .npz with source and target, (N, 3)."
         ),
     ] = None,
@@ -58,10 +59,10 @@ def pose(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Pose a model: by given joint states, or so that given points of it come closest to their targets.
+    """Pose a model by given joint states, or so that given points of it come closest to their targets.
 
-    Lengths are in the model's units, angles in radians. Joints of which the targets do not tell are named, and stay as
-    in the nearest observed frame.
+    Lengths are in the model's units, angles in radians. Joints that the targets do not determine are named. They stay
+    as in the nearest observed frame.
 
     Examples:
 
@@ -77,7 +78,7 @@ def pose(
     result = read_model_folder(model)
     if out is not None:
         writable_folder(out, "--out")
-    from pipeline.pose_files import pose_files, read_states, read_targets
+    from pipeline.results.pose_files import pose_files, read_states, read_targets
     from stages.rearticulation.posing import pose_by_states, pose_by_targets
 
     if targets is not None:
@@ -99,19 +100,17 @@ def pose(
 
 
 def show(pose: Pose, model: ModelFile, console: Console) -> None:
-    """A line a joint, how far the targets are missed, and what they do not tell."""
+    """Print a line for each joint, the distances to the targets, and the undetermined joints."""
     length = LENGTH_SYMBOLS[model.units]
     table = Table("joint", "type", "state", "observed range", "")
     for joint in model.joints:
-        unit = length if joint.type == "prismatic" else "rad"
         remark = "not told by the targets" if joint.name in pose.undetermined else ""
         remark = "at its limit" if joint.name in pose.at_limit else remark
         state = " ".join(f"{value + 0.0:.4g}" for value in np.atleast_1d(pose.states[joint.name]))
-        limits = f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}"  # + 0.0: no "-0"
-        table.add_row(escape(joint.name), joint.type, state, limits, remark)
+        table.add_row(escape(joint.name), joint.type, state, observed_range(joint, length), remark)
     console.print(table)
     if pose.base_undetermined:
-        console.print("the targets do not tell all of the base's motion")
+        console.print("the targets do not determine all of the base's motion")
     if pose.targets is not None:
         count, fit = len(pose.targets.residuals), pose.targets
         console.print(f"{count} targets, missed by {fit.rms:.4g} {length} RMS, {fit.greatest:.4g} {length} at most")

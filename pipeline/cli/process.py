@@ -1,4 +1,4 @@
-"""What the command line needs of its process: standard streams, a current folder, and signals that it can answer."""
+"""The process of the command line: its standard streams, current folder and signals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class Ended(BaseException):
-    """A signal asks this process to end. It is no Exception, so that only clean-up stands in its way."""
+    """A signal asks this process to end. It is not an Exception, so that handlers of those let it pass."""
 
     def __init__(self, number: int) -> None:
         self.name, self.exit_code = signal.Signals(number).name, 128 + number
@@ -24,15 +24,15 @@ class Ended(BaseException):
 
 @contextlib.contextmanager
 def answering_signals() -> Iterator[None]:
-    """Turn what would end this process at once into `Ended`, so that its children end and the cursor comes back.
+    """Raise `Ended` for signals that would kill this process, so that its children end and the cursor is restored.
 
-    Signals that are ignored, as under nohup, stay so.
+    Ignored signals, as under nohup, stay ignored.
     """
     answered = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
 
     def end(number: int, frame: FrameType | None) -> None:
         for other in answered:
-            signal.signal(other, signal.SIG_IGN)  # the first one is answered to its end
+            signal.signal(other, signal.SIG_IGN)  # no further signal interrupts the clean-up
         raise Ended(number)
 
     for number in answered:
@@ -45,9 +45,9 @@ def answering_signals() -> Iterator[None]:
 
 
 def open_standard_streams() -> None:
-    """Open those that are closed, or the next file to be opened would take their place and get what is printed.
+    """Open closed standard streams. Otherwise the next opened file would take their number and receive the output.
 
-    Names that are no text, or that the terminal cannot show, are printed with backslashes.
+    Characters that are not valid text, or that the terminal cannot show, are printed as backslash escapes.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -61,7 +61,7 @@ def open_standard_streams() -> None:
 
 
 def close_output() -> None:
-    """Write what is still buffered. Raises OSError where that fails; then nothing is left that could fail again."""
+    """Flush standard output. Raises OSError if that fails, and then drops the rest so that it cannot fail again."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -71,7 +71,7 @@ def close_output() -> None:
 
 
 def check_surroundings(words: Sequence[str]) -> None:
-    """Raises InputError for words that are no text, and where the current folder is gone."""
+    """Raise InputError for arguments that are not valid text, or if the current folder is gone."""
     for word in words:
         try:
             word.encode()

@@ -1,4 +1,4 @@
-"""`reart rerun`: a stage and all after it, computed anew."""
+"""`reart rerun`: compute a stage and all later ones anew."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     PresetOption,
     SeedOption,
     SetOption,
@@ -19,7 +20,7 @@ from pipeline.cli.options import (
     writable_folder,
 )
 from pipeline.cli.run import finish
-from pipeline.protocol import Request
+from pipeline.run.protocol import Request
 
 
 def rerun(
@@ -31,19 +32,20 @@ def rerun(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
-    """Compute a stage of one sequence, and all after it, anew.
+    """Compute a stage of one sequence, and all later ones, anew.
 
-    Each old artifact stays until the new one takes its place, so nothing is lost where this fails or is killed.
+    Each old artifact stays until the new one replaces it, so nothing is lost if this fails or is killed.
 
     Example: `reart rerun final_fit --dataset roboart --sequence bolt`
     """
     request = Request(
         dataset=dataset,
         workdir=writable_folder(workdir, "--workdir"),
-        config=dataset_config(dataset, preset, settings, seed),
+        config=dataset_config(dataset, preset, settings, seed, joints),
         data=data,
         sequences=(sequence,),
         workers=workers,

@@ -1,4 +1,4 @@
-"""`reart run`: the sequences of a data set."""
+"""`reart run`: fit models to the sequences of a data set."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from pipeline import store
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     PresetOption,
     SeedOption,
     SequencesOption,
@@ -21,17 +21,18 @@ from pipeline.cli.options import (
     dataset_config,
     follow,
     name_failures,
+    names,
     screen,
-    sequence_names,
     writable_folder,
 )
 from pipeline.cli.tables import screen_table
-from pipeline.evaluation_files import PAGES, default_folder, write_evaluation
-from pipeline.files import check_own_folder
-from pipeline.launch import FAILED, Outcome
-from pipeline.protocol import Request
-from pipeline.remarks import remarks
-from pipeline.report_tables import brief_tables
+from pipeline.results.evaluation_files import PAGES, default_folder, write_evaluation
+from pipeline.results.remarks import remarks
+from pipeline.results.report_tables import brief_tables
+from pipeline.run.launch import FAILED, Outcome
+from pipeline.run.protocol import Request
+from pipeline.store import artifacts
+from pipeline.store.files import check_own_folder
 from schemas.scores import MissingScore, Scores
 
 
@@ -43,12 +44,13 @@ def run(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
-    """Fit a model to every sequence of a data set. What is complete is not computed again.
+    """Fit a model to every sequence of a data set. Complete artifacts are not computed again.
 
-    Ends with the evaluation of these sequences, as `reart evaluate` writes it, in WORKDIR/DATASET/evaluation.
+    At the end, WORKDIR/DATASET/evaluation holds the evaluation of these sequences, as `reart evaluate` writes it.
 
     Examples:
 
@@ -59,16 +61,16 @@ def run(
     request = Request(
         dataset=dataset,
         workdir=writable_folder(workdir, "--workdir"),
-        config=dataset_config(dataset, preset, settings, seed),
+        config=dataset_config(dataset, preset, settings, seed, joints),
         data=data,
-        sequences=sequence_names(sequences),
+        sequences=names(sequences),
         workers=workers,
     )
     finish(request, write=True)
 
 
 def finish(request: Request, write: bool = False) -> None:
-    """Run a request to its end, show the evaluation of what is complete, and exit; `write` its files too."""
+    """Run a request, show the evaluation of its complete sequences, and exit. `write` also writes its files."""
     if write:
         check_own_folder(default_folder(request) / PAGES)  # before hours of computing
     console = screen()
@@ -77,7 +79,7 @@ def finish(request: Request, write: bool = False) -> None:
     try:
         if outcome.planned:
             conclude(request, outcome, console, write)
-    finally:  # also where the evaluation cannot be written
+    finally:  # even if the evaluation cannot be written
         name_failures(outcome)
         for error in unsound:
             print(f"error: {error}", file=sys.stderr)
@@ -85,7 +87,7 @@ def finish(request: Request, write: bool = False) -> None:
 
 
 def conclude(request: Request, outcome: Outcome, console: Console, write: bool) -> None:
-    """Show the evaluation of what a run made and what the user should know of it; `write` the evaluation's files."""
+    """Show the evaluation of a run and remarks for the user. `write` also writes the evaluation's files."""
     scores = evaluation_of(request, outcome)
     show(scores, console)
     for sequence, line in remarks(outcome):
@@ -96,24 +98,24 @@ def conclude(request: Request, outcome: Outcome, console: Console, write: bool) 
         console.print(f"written: {folder / 'index.html'}", soft_wrap=True, markup=False)
 
 
-def unsound_results(outcome: Outcome) -> list[store.ArtifactError]:
-    """What is wrong with the files of those artifacts that a run ends in. Every byte of them is read."""
-    from pipeline.tasks import FINAL
+def unsound_results(outcome: Outcome) -> list[artifacts.ArtifactError]:
+    """The problems of the files of a run's final artifacts. Every byte of them is read."""
+    from pipeline.run.tasks import FINAL
 
     ends = {task.stage for task in FINAL}
     unsound = []
     for place in outcome.planned.values():
         if place.stage in ends and outcome.is_complete(place):
             try:
-                store.read_files(place.directory)
-            except store.ArtifactError as error:
+                artifacts.read_files(place.directory)
+            except artifacts.ArtifactError as error:
                 unsound.append(error)
     return unsound
 
 
 def evaluation_of(request: Request, outcome: Outcome) -> Scores:
-    """The evaluation of what a run was to make, from what it left on the disk. No input is read once more."""
-    from pipeline.scores import PlannedSequence, scores_of
+    """The evaluation of a run's planned sequences, from the artifacts on the disk. No input is read again."""
+    from pipeline.results.scores import PlannedSequence, scores_of
 
     planned = [PlannedSequence(name, origin, outcome.places_of(name)) for name, origin in outcome.origins.items()]
     missing = [
@@ -129,6 +131,6 @@ def evaluation_of(request: Request, outcome: Outcome) -> Scores:
 
 
 def show(scores: Scores, console: Console) -> None:
-    """The tables for the screen, where there is anything to show."""
+    """Print the brief tables, if there is anything to show."""
     for table in brief_tables(scores):
         console.print(screen_table(table))

@@ -1,4 +1,4 @@
-"""`reart status`: which stages of which sequences are done."""
+"""`reart status`: the state of every stage of every sequence."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rich.table import Table
 from pipeline.cli.options import (
     DataOption,
     DatasetOption,
+    JointsOption,
     JsonOption,
     PresetOption,
     SeedOption,
@@ -22,10 +23,10 @@ from pipeline.cli.options import (
     dataset_config,
     screen,
 )
-from pipeline.protocol import Request
+from pipeline.run.protocol import Request
 
 if TYPE_CHECKING:
-    from pipeline.status import TaskStatus
+    from pipeline.results.status import TaskStatus
 
 COLOURS = {"corrupt": "red", "unreadable": "red", "failed": "red", "stale": "yellow", "missing": "dim"}  # worst first
 
@@ -37,13 +38,14 @@ def status(
     workdir: WorkdirOption = Path("workdir"),
     preset: PresetOption = None,
     seed: SeedOption = None,
+    joints: JointsOption = None,
     settings: SetOption,
     check: Annotated[bool, typer.Option("--check", help="Read every artifact whole, not only its manifest.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show which stages are done, failed (and why), stale (made with other settings only) or missing.
 
-    With --check the exit code is 1 where any artifact is corrupt or cannot be read.
+    With --check the exit code is 1 if any artifact is corrupt or cannot be read.
 
     Examples:
 
@@ -51,10 +53,10 @@ def status(
 
     - `reart status --dataset scans --data my_scans --check --json`
     """
-    from pipeline.status import collect
+    from pipeline.results.status import collect
 
     request = Request(
-        dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed), data=data
+        dataset=dataset, workdir=workdir, config=dataset_config(dataset, preset, settings, seed, joints), data=data
     )
     tasks = collect(request, check)
     if as_json:
@@ -66,7 +68,7 @@ def status(
 
 
 def show(tasks: Sequence[TaskStatus], console: Console) -> None:
-    """A line a sequence and a column a stage; below it what went wrong."""
+    """Print a row for each sequence with a column for each stage, and the failures below."""
     cells: dict[str, dict[str, list[TaskStatus]]] = {}
     for task in tasks:
         cells.setdefault(task.sequence, {}).setdefault(task.stage, []).append(task)
@@ -82,7 +84,7 @@ def show(tasks: Sequence[TaskStatus], console: Console) -> None:
 
 
 def _cell(tasks: list[TaskStatus]) -> str:
-    """One stage of one sequence: its worst state, or the seconds that its tasks took."""
+    """The cell of one stage of one sequence: the worst state of its tasks, or their seconds."""
     done = [task for task in tasks if task.state == "done"]
     if len(done) == len(tasks):
         return f"{sum(task.seconds or 0 for task in done):.1f} s" if done else "-"

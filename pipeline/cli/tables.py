@@ -6,30 +6,35 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline import report_tables
-from schemas.model_file import ModelFile
+from pipeline.results import report_tables
+from schemas.model_file import ModelFile, ModelJoint
 from schemas.sequence import LENGTH_SYMBOLS
 
 COLOURS = {"better": "green", "worse": "red"}
 
 
 def model_table(model: ModelFile) -> Table:
-    """A line a joint."""
+    """A table with one row for each joint."""
     title = f"{len(model.parts)} part{'' if len(model.parts) == 1 else 's'}"
     table = Table("joint", "parent", "child", "type", "axis", "range", title=title)
     for joint in model.joints:
-        unit = LENGTH_SYMBOLS[model.units] if joint.type == "prismatic" else "rad"
         table.add_row(
             *map(escape, (joint.name, model.parts[joint.parent].name, model.parts[joint.child].name)),
             joint.type,
             " ".join(f"{value:.3f}" for value in joint.axis),
-            f"{joint.lower + 0.0:.3g} .. {joint.upper + 0.0:.3g} {unit}",  # + 0.0: no "-0"
+            observed_range(joint, LENGTH_SYMBOLS[model.units]),
         )
     return table
 
 
+def observed_range(joint: ModelJoint, length: str) -> str:
+    """Format the limits of a joint with their units. `length` is the unit symbol of lengths."""
+    ranges = joint.ranges(length)
+    return ", ".join(f"{low + 0.0:.3g} .. {high + 0.0:.3g} {unit}" for low, high, unit in ranges)  # + 0.0: no "-0"
+
+
 def screen_table(table: report_tables.Table) -> Table:
-    """A table of the report for the screen; a line parts its sections."""
+    """Render a table of the evaluation for the screen, with a line between its sections."""
     shown = Table(table.columns[0], title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     for title in table.columns[1:]:
         shown.add_column(title, justify="left" if table.words else "right")

@@ -1,4 +1,4 @@
-"""`reart train-flow`: the feature network of the flow stage, trained."""
+"""`reart train-flow`: train the feature network of the flow stage."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pipeline.cli.options import SetOption, screen, writable_folder
-from pipeline.presets import TRAINING_FOLDER, load_settings
+from pipeline.configuration.presets import TRAINING_FOLDER, load_settings
 from schemas.config import TrainFlowConfig
 from schemas.training import Measurement, Step
 
-RECENT = 20  # steps whose mean loss is shown
+RECENT = 20  # the loss that is shown is the mean over so many steps
 
 
 def train_flow(
@@ -38,7 +38,7 @@ def train_flow(
 ) -> None:
     """Train the network that the flow estimators `network` and `hybrid` match points with.
 
-    The same command goes on where an interrupted one left off. Use the result by
+    The same command resumes an interrupted training. Use the result by
     `--set flow.network.weights=OUT/weights.safetensors`.
 
     - `reart train-flow --out training --assets robots`
@@ -48,8 +48,8 @@ def train_flow(
     presets = [name for name in (preset, str(config) if config else None) if name is not None]
     chosen = load_settings(TrainFlowConfig, TRAINING_FOLDER, presets, settings)
     folder = writable_folder(out, "--out")
-    from pipeline.training import train  # torch takes seconds to import
-    from pipeline.training_batches import MakerDied
+    from pipeline.training.batches import MakerDied
+    from pipeline.training.folder import train  # torch takes seconds to import
 
     console = screen()
     losses: deque[float] = deque(maxlen=RECENT)

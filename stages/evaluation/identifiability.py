@@ -1,4 +1,4 @@
-"""What of a sequence's truth its clouds can tell: points whose part no other part's motion could stand for.
+"""The observable points of a sequence: those whose part no other part's motion could stand for.
 
 A round part that turns about its own axis looks alike however it turns, a plate that slides in its own plane too,
 and parts that move alike are one to every observer. Which part such points belong to is a guess, however good the fit.
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 
 # RMS distance to the nearest point of the true surface, in that surface's own spacings, within which a motion is borne
 # out: where it is right, about 1.1
@@ -21,7 +21,7 @@ ON_SURFACE = 1.6
 FAR = 10.0  # spacings; farther is no worse
 
 
-def tellable_points(
+def observable_points(
     frames: Sequence[Float64[np.ndarray, "points 3"]],
     labels: Sequence[Int64[np.ndarray, "points"]],
     Ts_frame_canonical: Float64[np.ndarray, "frames parts 4 4"],
@@ -37,14 +37,14 @@ def tellable_points(
     fused = np.concatenate(
         [move_points(inverse[t, part], cloud) for t, (cloud, part) in enumerate(zip(frames, labels, strict=True))]
     )
-    fused_part, noise = np.concatenate(labels), spacing(fused)
+    fused_part, spacing = np.concatenate(labels), point_spacing(fused)
     parts = Ts_frame_canonical.shape[1]
     squares = np.zeros((parts, len(p)))
     for Ts in Ts_frame_canonical:
         surface = KDTree(move_points(Ts[fused_part], fused))
         for part in range(parts):
             distance = nearest(surface, move_points(Ts[part], p))[0]
-            squares[part] += np.minimum(distance / noise, FAR) ** 2
+            squares[part] += np.minimum(distance / spacing, FAR) ** 2
     borne_out = np.sqrt(squares / len(frames)) < ON_SURFACE
     borne_out[own, np.arange(len(p))] = False
     return np.asarray(~borne_out.any(axis=0))

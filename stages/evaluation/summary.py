@@ -56,6 +56,7 @@ def _joint_figures(joints: Iterable[JointMetrics]) -> dict[str, float | None]:
     return {
         "axis_angle_deg": _median(joint.axis_angle_deg for joint in matched),
         "axis_distance_percent": _median(joint.axis_distance_percent for joint in matched),
+        "ball_centre_percent": _mean(joint.ball_centre_percent for joint in matched),
         "joint_type_accuracy": _mean(float(joint.predicted_type == joint.true_type) for joint in matched),
     }
 

@@ -1,4 +1,4 @@
-"""The shape of every part, from the points of all frames together."""
+"""The shape of every part, from the points of all frames."""
 
 from __future__ import annotations
 
@@ -11,29 +11,27 @@ from schemas.config import ExportConfig
 from schemas.errors import InputError
 from schemas.model_file import Result
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, KDTree, nearest
+from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, closed_surface, convex_hull, decimated, smoothed, without_outliers
 from stages.kernels.surfaces.surface_graph import surface_graph
 from stages.support.open3d_use import needing_open3d
 
-FARTHEST = 3.0  # points of a frame farther from the posed model, in spacings, are of none of its parts
-LEAST_SPECK = 0.02  # share of a part's points below which a piece apart from the rest is no part of it
-NEIGHBOURS = 8
+LEAST_SPECK = 0.02  # a separate piece with a smaller share of a part's points is dropped
 COACD_TRIANGLES = 600
-MOST_POINTS = 150_000  # that a whole description is made of; every so manyth of more
+MOST_POINTS = 150_000  # in a whole description; more points are thinned evenly
 
 
 def fuse(
-    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None
+    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, farthest: float
 ) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:
-    """The canonical points and those of the other frames, in the canonical frame's coordinates, with their labels.
+    """Fuse the points of all frames in the canonical frame's coordinates, and label them.
 
-    A point of another frame belongs to the part whose canonical points, posed there, it lies nearest.
+    A point of another frame belongs to the part of the nearest canonical point, posed in that frame.
     """
     p = result.canonical_points.astype(np.float64)
     clouds, labels = [p], [result.labels]
-    reach = FARTHEST * spacing(p)
+    reach = farthest * point_spacing(p)
     for t, frame in enumerate(frames or ()):
         if t == result.model.canonical_frame:
             continue
@@ -48,12 +46,12 @@ def fuse(
 
 
 def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kept 3"]:
-    """A part's points, each once, without outliers and specks, and with noise evened out."""
+    """Clean a part's points: remove duplicates, outliers and specks, and smooth the noise."""
     points = np.unique(points, axis=0)
-    if len(points) <= NEIGHBOURS:
+    if len(points) <= SURFACE_NEIGHBOURS:
         return points
     points = points[without_outliers(points)]
-    graph = surface_graph(points, NEIGHBOURS)
+    graph = surface_graph(points, SURFACE_NEIGHBOURS)
     piece = graph.components(np.zeros(len(points), dtype=np.int64))
     sizes = np.bincount(piece)
     return smoothed(points[sizes[piece] >= min(LEAST_SPECK * len(points), sizes.max())])
@@ -61,15 +59,15 @@ def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kep
 
 @needing_open3d("meshes of parts")
 def part_mesh(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Mesh:
-    """The surface of a part's cleaned points. A lone point becomes a little ball, a flat part a slab."""
-    radius = max(config.reach * spacing(points), least_radius) if len(points) > 1 else least_radius
+    """The surface of a part's cleaned points. A single point becomes a small ball, a flat part a slab."""
+    radius = max(config.reach * point_spacing(points), least_radius) if len(points) > 1 else least_radius
     mesh = closed_surface(points, radius)
     return decimated(convex_hull(mesh.vertices) if config.surface == "hull" else mesh, config.triangles)
 
 
 @needing_open3d("meshes of parts")
 def collision_meshes(mesh: Mesh, config: ExportConfig) -> list[Mesh]:
-    """Convex meshes that stand for a part in contacts. Raises InputError where coacd is asked for and missing."""
+    """Convex meshes that represent a part in contacts. Raises InputError if coacd is requested but not installed."""
     if config.collision == "hull":
         return [convex_hull(mesh.vertices)]
     try:
@@ -79,7 +77,7 @@ def collision_meshes(mesh: Mesh, config: ExportConfig) -> list[Mesh]:
             "collision coacd: found that the package is not installed; `pip install rearticulate[coacd]`, or take hull"
         ) from error
     coacd.set_log_level("error")
-    coarse = decimated(mesh, COACD_TRIANGLES)  # minutes a part otherwise
+    coarse = decimated(mesh, COACD_TRIANGLES)  # else coacd takes minutes for each part
     pieces = coacd.run_coacd(
         coacd.Mesh(coarse.vertices, coarse.triangles),
         threshold=0.1,

@@ -1,4 +1,4 @@
-"""Mass and inertia of closed meshes of one density, as simulators demand them."""
+"""Mass and inertia of closed meshes of uniform density, valid for simulators."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from stages.kernels.surfaces.meshing import Mesh
 
 @dataclass(frozen=True)
 class Solid:
-    """A body of uniform density: `covariance` is its mean of (p - centre)(p - centre)^T, metres squared."""
+    """A body of uniform density. `covariance` is its mean of (p - centre)(p - centre)^T in square metres."""
 
     volume: float
     centre: Float64[np.ndarray, "3"]
     covariance: Float64[np.ndarray, "3 3"]
 
     def inertia(self, mass: float, least_radius: float) -> Float64[np.ndarray, "3 3"]:
-        """The inertia about the centre: positive definite, principal moments as the triangle inequality demands.
+        """The inertia about the centre. It is positive definite, and its moments satisfy the triangle inequality.
 
-        Both follow from a positive definite covariance; extents below `least_radius` (RMS, metres) are widened to it.
+        Both follow from a positive definite covariance. Extents (RMS, metres) below `least_radius` are raised to it.
         """
         variances, axes = np.linalg.eigh(self.covariance)
         variances = np.maximum(variances, least_radius**2)
@@ -29,7 +29,7 @@ class Solid:
 
 
 def solid_of(mesh: Mesh) -> Solid:
-    """Volume and moments of what a closed mesh encloses: signed tetrahedra from its middle to each triangle."""
+    """Volume and moments of a closed mesh, from signed tetrahedra between its middle and each triangle."""
     middle = mesh.vertices.mean(axis=0)
     p = (mesh.vertices - middle)[mesh.triangles]
     volumes = np.linalg.det(p) / 6
@@ -47,6 +47,6 @@ def about_axis(
     arm: Float64[np.ndarray, "3"],
     axis: Float64[np.ndarray, "3"],
 ) -> float:
-    """The moment of inertia about an axis that passes the centre of mass at `arm` (Steiner)."""
+    """The moment of inertia about an axis at offset `arm` from the centre of mass (Steiner's theorem)."""
     across = arm - axis * (arm @ axis)
     return float(axis @ inertia @ axis + mass * (across @ across))

@@ -1,4 +1,4 @@
-"""What URDF and MJCF share: numbers as text, indented XML, and meshes as binary STL."""
+"""Output that URDF and MJCF share: numbers as text, indented XML, and meshes as binary STL."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from schemas.robot import Robot
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers as they are read back exactly, separated by blanks."""
+    """Format numbers, separated by blanks, so that they are read back exactly."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def document(root: ET.Element, robot: Robot) -> bytes:
-    """An XML document that begins by telling what it is of."""
+    """Serialise an XML document, which starts with a comment on its content."""
     unit = "an unknown unit" if robot.units == "unknown" else robot.units
     open_meshes = [mesh.file for mesh in robot.meshes if not mesh.closed]
     note = (

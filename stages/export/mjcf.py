@@ -12,13 +12,13 @@ from stages.export.markup import document, mesh_files, numbers
 from stages.kernels.labelling.colours import distinct_colours
 
 FILE = "robot.xml"
-KINDS = {"revolute": "hinge", "prismatic": "slide"}
+KINDS = {"revolute": "hinge", "prismatic": "slide", "spherical": "ball"}
 
 
 def mjcf_files(robot: Robot) -> dict[str, bytes]:
     """robot.xml and the meshes that it names, by relative path.
 
-    Links that touch do not collide; a moving base has a free joint. Key frame `frame_t` is the fitted frame t.
+    Links that touch do not collide. A moving base has a free joint. Key frame `frame_t` is the fitted frame t.
     """
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -39,23 +39,18 @@ def mjcf_files(robot: Robot) -> dict[str, bytes]:
     return {FILE: document(root, robot), **mesh_files(robot)}
 
 
-def _add_body(above: ET.Element, robot: Robot, index: int, joint: RobotJoint | None, order: list[RobotJoint]) -> None:
-    """A link, and all that hangs on it; `order` gets the joints in the order of MuJoCo's qpos."""
+def _add_body(above: ET.Element, robot: Robot, index: int, parent: int | None, order: list[RobotJoint]) -> None:
+    """Add a link and its descendants. Append their joints to `order`, in the order of MuJoCo's qpos."""
     link = robot.links[index]
-    origin = np.subtract(link.origin, robot.links[joint.parent].origin) if joint else np.array(link.origin)
+    origin = np.subtract(link.origin, np.zeros(3) if parent is None else robot.links[parent].origin)
     body = ET.SubElement(above, "body", name=link.name, pos=numbers(origin))
     inertial = {"pos": link.centre, "mass": [link.mass], "fullinertia": link.inertia}
     ET.SubElement(body, "inertial", {name: numbers(values) for name, values in inertial.items()})
-    if joint is not None:
-        order.append(joint)
-        limits = {
-            "axis": numbers(joint.axis),
-            "range": numbers([joint.lower, joint.upper]),
-            "actuatorfrcrange": numbers([-joint.effort, joint.effort]),
-            "damping": numbers([joint.damping]),
-        }
-        ET.SubElement(body, "joint", {"name": joint.name, "type": KINDS[joint.type], **limits})
-    elif robot.free_base:
+    for joint in robot.joints:
+        if joint.child == index:
+            order.append(joint)
+            _add_joint(body, joint)
+    if parent is None and robot.free_base:
         ET.SubElement(body, "freejoint", name=f"{link.name}_free")
     colour = distinct_colours(len(robot.links))[index].round(3).tolist()
     for mesh in robot.meshes_of(index, "visual"):
@@ -63,20 +58,40 @@ def _add_body(above: ET.Element, robot: Robot, index: int, joint: RobotJoint | N
         ET.SubElement(body, "geom", {"type": "mesh", "mesh": _stem(mesh.file), **look})
     for mesh in robot.meshes_of(index, "collision"):
         ET.SubElement(body, "geom", type="mesh", mesh=_stem(mesh.file), group="3")
-    for below in robot.joints:
-        if below.parent == index:
-            _add_body(body, robot, below.child, below, order)
+    for child in dict.fromkeys(below.child for below in robot.joints if below.parent == index):
+        _add_body(body, robot, child, index, order)
+
+
+def _add_joint(body: ET.Element, joint: RobotJoint) -> None:
+    least = 0.0 if joint.type == "spherical" else joint.lower
+    shape = {} if joint.type == "spherical" else {"axis": numbers(joint.axis)}
+    limits = {
+        "range": numbers([least, joint.upper]),
+        "actuatorfrcrange": numbers([-joint.effort, joint.effort]),
+        "damping": numbers([joint.damping]),
+    }
+    if joint.type == "spherical" and joint.upper >= np.pi:  # no rotation exceeds half a turn, so there is no limit
+        del limits["range"]
+    ET.SubElement(body, "joint", {"name": joint.name, "type": KINDS[joint.type], **shape, **limits})
 
 
 def _positions(robot: Robot, order: list[RobotJoint], t: int) -> list[float]:
-    """MuJoCo's qpos of a fitted frame: the base's place and quaternion (w first), where it moves, and the states."""
-    states = [joint.states[t] for joint in order]
+    """MuJoCo's qpos of a fitted frame: position and quaternion (w first) of a moving base, then the joints."""
+    states = [value for joint in order for value in _position(joint, t)]
     if not robot.free_base:
         return states
     R, t_root = robot.T_frame_root[t, :3, :3], robot.T_frame_root[t, :3, 3]
     place = R @ robot.links[robot.root].origin + t_root
     quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
     return [*place.tolist(), *quaternion.tolist(), *states]
+
+
+def _position(joint: RobotJoint, t: int) -> list[float]:
+    """A joint's part of qpos: its state, or a ball's quaternion."""
+    state = np.atleast_1d(joint.states[t])
+    if joint.type != "spherical":
+        return state.tolist()
+    return Rotation.from_rotvec(state).as_quat(canonical=True, scalar_first=True).tolist()
 
 
 def _stem(file: str) -> str:

@@ -1,10 +1,10 @@
-"""What the user should know of a description: that nothing moves in it, or that its unit is hardly the right one."""
+"""Remarks on a description for the user: nothing moves in it, or its unit is probably wrong."""
 
 from __future__ import annotations
 
 from schemas.model_file import ModelFile
 
-SMALLEST, LARGEST = 0.005, 20.0  # metres: what is beyond them was hardly measured in the unit that was taken
+SMALLEST, LARGEST = 0.005, 20.0  # metres: for other sizes the assumed unit is probably wrong
 HEAVIEST = 1e5  # kg
 SAY = "say the unit by --units, or by --scale when exporting"
 
@@ -12,7 +12,7 @@ SAY = "say the unit by --units, or by --scale when exporting"
 def remarks(
     model: ModelFile, free_base: bool, metres_per_unit: float | None, size: float, mass: float
 ) -> tuple[str, ...]:
-    """A line each; none of most models. `metres_per_unit` is that of the settings, size and mass are in m and kg."""
+    """The remarks on a model, one line each. `metres_per_unit` is the setting; size and mass are in m and kg."""
     found = []
     if not model.joints and free_base:
         found.append("no joints were found: the object moves as one rigid part")

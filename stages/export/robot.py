@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -19,26 +20,26 @@ from stages.export.remarks import remarks
 from stages.kernels.points.contact import next_to_contact
 from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, convex_hull
 from stages.rearticulation.mechanism import root_moves
 
-HOLLOW = 0.25  # a mesh that encloses less of its hull is an open shell: then the hull's volume counts
-LEAST_MASS = 1e-3  # of a link, as a share of the robot's: simulators do not stand great ratios
-LEAST_RADIUS = 5e-3  # of a link's extent (RMS), as a share of the diagonal, for the same reason
-LEAST_RANGE = 0.01  # of a joint: radians, or a share of the diagonal; simulators refuse an empty one
+HOLLOW = 0.25  # a mesh that encloses a smaller share of its hull is an open shell; the hull then gives the mass
+LEAST_MASS = 1e-3  # of a link, as a share of the robot's mass, since large ratios make simulators unstable
+LEAST_RADIUS = 5e-3  # RMS extent of a link, as a share of the diagonal, for the same reason
+LEAST_RANGE = 0.01  # of a joint, in radians or as a share of the diagonal; simulators refuse an empty range
 
 
 @dataclass(frozen=True)
 class Body:
-    """One part's shape in the canonical frame's coordinates; no mesh where it has no points."""
+    """One part's shape in the canonical frame's coordinates. A part without points has no mesh."""
 
     points: Float64[np.ndarray, "points 3"]
     visual: Mesh | None
     collision: list[Mesh]
 
     def placed(self, scale: float, origin: Float64[np.ndarray, "3"]) -> Body:
-        """The same, scaled and moved."""
+        """Return the body scaled, then moved by `origin`."""
         visual, *collision = (
             Mesh(mesh.vertices * scale + origin, mesh.triangles) if mesh else None
             for mesh in (self.visual, *self.collision)
@@ -46,7 +47,7 @@ class Body:
         return Body(self.points * scale + origin, visual, [mesh for mesh in collision if mesh])
 
     def solid(self) -> tuple[Solid, SolidKind]:
-        """What mass and inertia are of: what the mesh encloses, or its hull where that is next to nothing."""
+        """The solid that has the part's mass: the inside of its mesh, or of its hull if the mesh is an open shell."""
         if self.visual is None:
             return Solid(0.0, np.zeros(3), np.zeros((3, 3))), "none"
         hull = solid_of(convex_hull(self.visual.vertices))
@@ -55,24 +56,24 @@ class Body:
         return hull, "hull"
 
 
-def describe(
+def compute_export(
     result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, config: ExportConfig, name: str
 ) -> Robot:
-    """The robot description of a model; `frames`, in the input's coordinates, make its meshes denser where given.
+    """Describe a model as a robot. `frames`, in the input's coordinates, make its meshes denser if given.
 
-    Raises InputError for a model that no description holds.
+    Raises InputError for a model that cannot be described.
     """
     model = result.model
     check_exportable(result)
     scale = config.metres_per_unit or METRES.get(model.units, 1.0)
-    fused, labels = fuse(result, frames)
+    fused, labels = fuse(result, frames, config.farthest)
     space = Normalisation.of(result.canonical_points)
     middle, diagonal = result.canonical_points.astype(np.float64).mean(axis=0), space.scale
     fused = (fused - middle) / diagonal  # the same meshes in any unit
     middle, diagonal = middle * scale, diagonal * scale
-    # of the root; what follows is told from there, for meshes are of 32-bit floats
+    # lengths below are relative to the root's origin, since meshes hold 32-bit floats
     root_origin = np.zeros(3) if float32_holds(scale * result.canonical_points) else middle
-    radius = config.reach * spacing(fused)
+    radius = config.reach * point_spacing(fused)
     bodies = [
         _body(fused[labels == part.id], radius, config).placed(diagonal, middle - root_origin) for part in model.parts
     ]
@@ -80,7 +81,9 @@ def describe(
     origins = np.zeros((len(bodies), 3))
     for joint in order:
         axis, point = np.array(joint.axis), np.array(joint.point) * scale - root_origin
-        origins[joint.child] = next_to_contact(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
+        if joint.kind.has_axis:
+            point = next_to_contact(bodies[joint.parent].points, bodies[joint.child].points, axis, point)
+        origins[joint.child] = point
     links, inertias = _links(model, bodies, origins, diagonal, config.density)
     joints = _joints(model, order, links, inertias, scale, diagonal, config)
     links = tuple(link.model_copy(update={"origin": _vector(np.add(link.origin, root_origin))}) for link in links)
@@ -109,13 +112,7 @@ def describe(
 
 
 def check_exportable(result: Result) -> None:
-    """Raises InputError for a spherical joint, and for points that span nothing."""
-    for joint in result.model.joints:
-        if joint.type == "spherical":
-            raise InputError(
-                f"joint {joint.name}: found a spherical joint, expected revolute and prismatic ones only; "
-                "put three revolute joints in its place, or export another model"
-            )
+    """Raise InputError if all points coincide."""
     if np.all(result.canonical_points == result.canonical_points[0]):
         raise InputError("canonical_points: found one place only, expected points on a surface; fit the model anew")
 
@@ -161,39 +158,87 @@ def _joints(
     diagonal: float,
     config: ExportConfig,
 ) -> tuple[RobotJoint, ...]:
-    """Joints with limits around the observed range, and damping that settles what hangs on them."""
+    """The joints, with limits around the observed range, and damping that settles the links that they move."""
     carried = {part.id: {part.id} for part in model.parts}
     for joint in reversed(order):
         carried[joint.parent] |= carried[joint.child]
     joints = []
     for joint in order:
-        factor = scale if joint.type == "prismatic" else 1.0
-        states = factor * np.array(joint.states, dtype=np.float64)
-        low, high = min(factor * joint.lower, states.min()), max(factor * joint.upper, states.max())
-        least = LEAST_RANGE * (diagonal if joint.type == "prismatic" else 1.0)
-        margin = max(config.limit_margin * (high - low), (least - (high - low)) / 2)
-        axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-        load = 0.0
-        for part in carried[joint.child]:
-            link = links[part]
-            arm = np.add(link.origin, link.centre) - links[joint.child].origin
-            load += about_axis(inertias[part], link.mass, arm, axis) if joint.type == "revolute" else link.mass
-        joints.append(
-            RobotJoint(
-                name=joint.name,
-                parent=joint.parent,
-                child=joint.child,
-                type="revolute" if joint.type == "revolute" else "prismatic",
-                axis=_vector(axis),
-                lower=float(low - margin),
-                upper=float(high + margin),
-                effort=config.effort,
-                velocity=config.velocity,
-                damping=load / config.settling,
-                states=tuple(states.tolist()),
+        moved = [(links[part], inertias[part]) for part in sorted(carried[joint.child])]
+        for piece in _pieces(joint, scale):
+            sizes = np.linalg.norm(piece.states, axis=1) if piece.type == "spherical" else piece.states[:, 0]
+            low, high = min(piece.lower, sizes.min()), max(piece.upper, sizes.max())
+            least = LEAST_RANGE * (diagonal if piece.type == "prismatic" else 1.0)
+            margin = max(config.limit_margin * (high - low), (least - (high - low)) / 2)
+            joints.append(
+                RobotJoint(
+                    name=joint.name + piece.suffix,
+                    parent=joint.parent,
+                    child=joint.child,
+                    type=piece.type,
+                    axis=_vector(piece.axis),
+                    lower=float(low - margin),
+                    upper=float(high + margin),
+                    effort=config.effort,
+                    velocity=config.velocity,
+                    damping=_load(piece, moved, links[joint.child].origin) / config.settling,
+                    states=tuple(state[0] if len(state) == 1 else tuple(state) for state in piece.states.tolist()),
+                )
             )
-        )
     return tuple(joints)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A hinge, a slide or a ball of a joint, in metres and radians. `suffix` extends the joint's name."""
+
+    suffix: str
+    type: Literal["revolute", "prismatic", "spherical"]
+    axis: Float64[np.ndarray, "3"]
+    lower: float
+    upper: float
+    states: Float64[np.ndarray, "frames size"]
+
+
+def _pieces(joint: ModelJoint, scale: float) -> list[_Piece]:
+    """Split a joint of any kind into slides, hinges and balls. A joint turns first, so its slides come first here."""
+    kind, axis = joint.kind, np.array(joint.axis) / np.linalg.norm(joint.axis)
+    basis, units = kind.basis(axis), kind.units(scale)
+    states = np.array(joint.states, dtype=np.float64).reshape(len(joint.states), -1) * units
+    alone = kind.size == 1 or (kind.is_ball and kind.size == 3)
+    slides: list[_Piece] = []
+    turns: list[_Piece] = []
+    if kind.is_ball:
+        turns.append(_Piece("" if alone else "_ball", "spherical", axis, 0.0, joint.uppers[0], states[:, :3]))
+    for column in range(3 if kind.is_ball else 0, kind.size):
+        turning = column < kind.angles
+        rank = 0 if kind.is_ball else column  # a ball's joint has limits for the rotation's angle alone
+        lower, upper = (limits[rank] * units[column] for limits in (joint.lowers, joint.uppers))
+        direction = basis[column, :3] if turning else basis[column, 3:]
+        name = "turn" if turning else "slide" if kind.slides == "axis" else "slide_" + "xyz"[column - kind.angles]
+        piece = _Piece(
+            "" if alone else f"_{name}",
+            "revolute" if turning else "prismatic",
+            direction,
+            lower,
+            upper,
+            states[:, [column]],
+        )
+        (turns if turning else slides).append(piece)
+    return slides + turns
+
+
+def _load(piece: _Piece, moved: list[tuple[RobotLink, Float64[np.ndarray, "3 3"]]], origin: Vector) -> float:
+    """The mass that a slide moves, or the inertia that a hinge turns; for a ball the mean inertia about x, y and z."""
+    if piece.type == "prismatic":
+        return sum(link.mass for link, _ in moved)
+    axes = np.eye(3) if piece.type == "spherical" else piece.axis[None]
+    loads = [
+        about_axis(inertia, link.mass, np.add(link.origin, link.centre) - origin, axis)
+        for link, inertia in moved
+        for axis in axes
+    ]
+    return sum(loads) / len(axes)
 
 
 def _meshes(model: ModelFile, bodies: list[Body]) -> list[tuple[RobotMesh, Mesh]]:
@@ -220,9 +265,9 @@ def _meshes(model: ModelFile, bodies: list[Body]) -> list[tuple[RobotMesh, Mesh]
 
 
 def _touching(model: ModelFile, bodies: list[Body]) -> Int64[np.ndarray, "pairs 2"]:
-    """Pairs of links that are linked, or whose collision meshes' boxes overlap in the canonical frame.
+    """Pairs of links that a joint links, or whose bounding boxes overlap in the canonical frame.
 
-    A simulator would push them apart before anything has moved.
+    With contacts between them, a simulator would push them apart at the start.
     """
     boxes = [_box(body) for body in bodies]
     pairs = {(min(joint.parent, joint.child), max(joint.parent, joint.child)) for joint in model.joints}

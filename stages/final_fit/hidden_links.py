@@ -6,55 +6,63 @@ fit its neighbour's motion as well. Without it two parts that it links have two 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Literal
+from functools import cached_property, partial
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 
-from stages.final_fit.motion_model import MotionModel
+from schemas.joints import REVOLUTE
+from stages.final_fit.motion_model import TRIAL_STEPS, MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, contact_of
-from stages.kernels.kinematics.articulation import Chain, Joint, fit_chain
-from stages.kernels.kinematics.screw import ScrewFit, fit_screw
+from stages.final_fit.working import Fit, Frames, contact_place
+from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
+from stages.kernels.kinematics.closed_form import fit_joint
+from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
 
-TOLERATED = 0.25  # RMS, in spacings, that one joint may leave of a relative motion before two are tried
-EXPLAINED = 0.6  # two joints leave at most this share of it
 ROUNDS = 6  # in which links are inserted: a joint of three degrees of freedom needs two
 PAIR_STEPS = 6  # Levenberg-Marquardt steps on each start of such a pair
-TRIAL, SETTLE = 10, 40  # Levenberg-Marquardt steps on the motion model, to judge a chain and to fit it
+SETTLE = 40  # Levenberg-Marquardt steps on the motion model, to fit a chain
 STILL_BASE = 0.3  # RMS, in spacings, that one joint may leave of the root's motion
-KINDS: tuple[Literal["revolute", "prismatic"], ...] = ("revolute", "prismatic")
 Link = tuple[int, int]  # a joint's parent and child
 
 
-def insert_hidden_links(
-    fit: Fit, frames: Frames, Ts_free: Float64[np.ndarray, "frames parts 4 4"], link_price: float
+def add_freedom(
+    fit: Fit,
+    frames: Frames,
+    Ts_free: Float64[np.ndarray, "frames parts 4 4"],
+    link_price: float | None,
+    freedom_price: float,
 ) -> Fit:
-    """The tree fitted to the free motions, with further links within joints where each lowers the points' costs by more
-    than `link_price`, the greatest gain first.
+    """The tree fitted to the free motions, with more freedom in its joints where the frames ask for it.
 
-    Where the root itself moves about one fixed axis, it is hung on a still base. New links have no points yet.
+    A joint gets a further link within it where that lowers the points' costs by more than `link_price`, or becomes one
+    of a kind with more degrees of freedom where that lowers them by more than `freedom_price` for each. The greatest
+    gain comes first. Kinds with more freedom than a further link gives, as ball joints have, come after all links: both
+    explain most motions of few frames as well. Without a link price none are inserted. Where the root itself moves
+    about one fixed axis, it is hung on a still base. New links have no points yet.
     """
     trials = _Trials(fit.labels, frames, Ts_free)
     chain = trials.fit(fit.chain, SETTLE)
-    cost = trials.cost(chain)
-    for _ in range(ROUNDS):
-        longer = {link: trials.inserted(chain, link) for link in _links(chain)}
-        gains = {link: cost - trials.cost(trial) for link, trial in longer.items() if trial is not None}
-        before = chain
-        for link in sorted(gains, key=lambda link: -gains[link]):
-            if gains[link] <= link_price:
-                break
-            trial = longer[link] if chain is before else trials.inserted(chain, link)
-            if trial is not None and (there := trials.cost(trial)) < cost - link_price:
-                chain, cost = trial, there
-        if chain is before:
-            break
+    if link_price is not None:
+        pairs = partial(trials.with_link, price=link_price)
+        kinds = partial(trials.with_kinds, price=freedom_price, most=1)  # as much freedom as a link gives
+        chain = trials.freed(chain, lambda chain, joint: pairs(chain, joint) + kinds(chain, joint))
+    chain = trials.freed(chain, partial(trials.with_kinds, price=freedom_price))
     return Fit(_on_still_base(trials.fit(chain, SETTLE), fit.labels, frames), fit.labels)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A chain with more freedom in one joint, and the price of that."""
+
+    chain: Chain
+    price: float
+
+
+Offers = Callable[[Chain, int], list[_Trial]]  # what may be made of one of a chain's joints
 
 
 @dataclass(frozen=True)
@@ -69,19 +77,60 @@ class _Trials:
     @cached_property
     def model(self) -> MotionModel:
         equations = self.frames.registration.linearise(self.labels, self.Ts_free, self.frames.reach)
-        return MotionModel(equations, self.Ts_free, self.frames.noise)
+        return MotionModel(equations, self.Ts_free, self.frames.spacing)
 
     def cost(self, chain: Chain) -> float:
-        return self.model(chain.Ts()).cost
+        return self.model(chain.Ts).cost
 
     def fit(self, chain: Chain, iterations: int) -> Chain:
-        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.noise, iterations)
+        return fit_chain(chain, self.model, self.frames.canonical_frame, self.frames.spacing, iterations)
 
-    def inserted(self, chain: Chain, link: Link) -> Chain | None:
-        """The chain, fitted, with a further link within one of its joints; None where that joint needs none."""
+    def freed(self, chain: Chain, offers: Offers) -> Chain:
+        """The chain with what is offered for its joints wherever that is worth its price, the greatest gain first."""
+        cost = self.cost(chain)
+        for _ in range(ROUNDS):
+            best = {link: self._best(chain, link, offers, cost) for link in _links(chain)}
+            gains = {link: gain for link, (_, gain) in best.items() if gain > 0}
+            before = chain
+            for link in sorted(gains, key=lambda link: -gains[link]):
+                trial, gain = best[link] if chain is before else self._best(chain, link, offers, cost)
+                if gain > 0:
+                    chain, cost = trial, self.cost(trial)
+            if chain is before:
+                break
+        return chain
+
+    def _best(self, chain: Chain, link: Link, offers: Offers, cost: float) -> tuple[Chain, float]:
+        """The best of what is offered for one joint, fitted, and by how much more than its price it lowers the cost."""
         joint = _links(chain).get(link)
-        pair = None if joint is None else self.pair(chain, *link)
-        return None if joint is None or pair is None else self.fit(_with_link(chain, joint, pair), TRIAL)
+        offered = [] if joint is None else offers(chain, joint)
+        fitted = [(self.fit(one.chain, TRIAL_STEPS), one.price) for one in offered]
+        gains = [(trial, cost - self.cost(trial) - price) for trial, price in fitted]
+        return max(gains, key=lambda found: found[1], default=(chain, 0.0))
+
+    def with_link(self, chain: Chain, joint: int, price: float) -> list[_Trial]:
+        """The chain with a further link within one of its joints, where that joint needs one."""
+        pair = self.pair(chain, int(chain.tree.parent[joint]), int(chain.tree.child[joint]))
+        return [] if pair is None else [_Trial(_with_link(chain, joint, pair), price)]
+
+    def with_kinds(self, chain: Chain, joint: int, price: float, most: int = 6) -> list[_Trial]:
+        """The chain with one of its joints made one of each kind with more freedom; none where a part is unseen.
+
+        `most` is the number of further degrees that a kind may have.
+        """
+        own = chain.joint(joint)
+        p_child = self.frames.p[self.labels == own.child]
+        if len(p_child) == 0 or not (self.labels == own.parent).any():
+            return []
+        p_child = p_child[farthest_points(p_child, self.frames.config.joint_samples)]
+        motion, trials = inverse(self.Ts_free[:, own.parent]) @ self.Ts_free[:, own.child], []
+        for kind in self.frames.kinds:
+            if own.kind.size < kind.size <= own.kind.size + most:
+                fit = fit_joint([kind], motion, p_child).since(self.frames.canonical_frame)
+                joints = chain.joints()
+                joints[joint] = Joint.of(fit, own.parent, own.child)
+                trials.append(_Trial(chain.with_joints(joints), price * (kind.size - own.kind.size)))
+        return trials
 
     def pair(self, chain: Chain, parent: int, child: int) -> ScrewPair | None:
         """Two joints in a row that explain the child's motion against its parent, where one does not."""
@@ -89,7 +138,7 @@ class _Trials:
         if seen is None or not (self.labels == child).any():
             return None
         if seen != parent:  # the parent's motion is the chain's, which changes
-            return self._pair(chain.Ts()[:, parent], seen, child)
+            return self._pair(chain.Ts[:, parent], seen, child)
         if (parent, child) not in self.pairs:
             self.pairs[parent, child] = self._pair(self.Ts_free[:, parent], seen, child)
         return self.pairs[parent, child]
@@ -97,37 +146,44 @@ class _Trials:
     def _pair(self, T_frame_parent: Float64[np.ndarray, "frames 4 4"], seen: int, child: int) -> ScrewPair | None:
         frames = self.frames
         p_child = frames.p[self.labels == child]
-        contact = contact_of(frames.p[self.labels == seen], p_child)
-        p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
+        p_contact = contact_place(frames.p[self.labels == seen], p_child)
+        p_child = p_child[farthest_points(p_child, frames.config.joint_samples)]
         motion = np.linalg.inv(T_frame_parent) @ self.Ts_free[:, child]
-        left = min(_rms(fit_screw(torch.from_numpy(motion), torch.from_numpy(p_child), kind)) for kind in KINDS)
-        if left <= TOLERATED * frames.noise:
+        left = float(fit_joint(frames.plain_kinds, motion, p_child).rms)
+        if left <= frames.config.link_tolerance * frames.spacing:
             return None
-        pair = fit_screw_pair(motion, p_child, contact, frames.canonical_frame, frames.noise, PAIR_STEPS)
-        return pair if pair.residual < EXPLAINED * left else None
+        pair = fit_screw_pair(
+            motion,
+            p_child,
+            p_contact,
+            frames.canonical_frame,
+            frames.spacing,
+            PAIR_STEPS,
+            frames.config.pair_directions,
+        )
+        return pair if pair.rms < frames.config.link_explains * left else None
 
 
 def _links(chain: Chain) -> dict[Link, int]:
     """Each joint's number, by the parts that it links."""
-    return {link: joint for joint, link in enumerate(zip(chain.parent.tolist(), chain.child.tolist(), strict=True))}
+    return {
+        link: joint
+        for joint, link in enumerate(zip(chain.tree.parent.tolist(), chain.tree.child.tolist(), strict=True))
+    }
 
 
 def _seen_above(chain: Chain, labels: Int64[np.ndarray, "points"], part: int) -> int | None:
     """The part itself or the nearest part above it that has points."""
-    parents = chain.parents()
+    parents = chain.tree.parents
     while part >= 0 and not (labels == part).any():
         part = int(parents[part])
     return part if part >= 0 else None
 
 
-def _rms(fit: ScrewFit) -> float:
-    return float(fit.residual.sqrt())
-
-
 def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
     """The chain with a further part within one of its joints; the new part is numbered behind the others."""
     joints = chain.joints()
-    first, second = (Joint(0, 0, True, pair.axis[k], pair.point[k], pair.states[k]) for k in (0, 1))
+    first, second = (Joint(REVOLUTE, 0, 0, pair.axis[k], pair.point[k], pair.states[:, [k]]) for k in (0, 1))
     link, whole = chain.parts, joints[joint]
     joints[joint : joint + 1] = [
         replace(first, parent=whole.parent, child=link),
@@ -138,18 +194,12 @@ def _with_link(chain: Chain, joint: int, pair: ScrewPair) -> Chain:
 
 def _on_still_base(chain: Chain, labels: Int64[np.ndarray, "points"], frames: Frames) -> Chain:
     """A moving root that one revolute joint explains becomes the child of a still part."""
-    p_root = frames.p[labels == chain.root]
-    if not chain.free_root or len(p_root) == 0:
+    root, base = chain.tree.root, chain.parts
+    p_root = frames.p[labels == root]
+    if not chain.tree.free_root or len(p_root) == 0:
         return chain
-    p = torch.from_numpy(p_root[farthest_points(p_root, JOINT_SAMPLES)])
-    turn = fit_screw(torch.from_numpy(chain.T_frame_root), p, "revolute")
-    if _rms(turn) > STILL_BASE * frames.noise:
+    p_root = p_root[farthest_points(p_root, frames.config.joint_samples)]
+    turn = fit_joint([REVOLUTE], chain.T_frame_root, p_root).since(frames.canonical_frame)
+    if turn.rms > STILL_BASE * frames.spacing:
         return chain
-    states = turn.states.numpy()[:, 0]
-    base = chain.parts
-    joint = Joint(
-        base, chain.root, True, turn.axis.numpy(), turn.point.numpy(), states - states[frames.canonical_frame]
-    )
-    joints = [joint, *chain.joints()]
-    still = np.tile(np.eye(4), (len(chain.T_frame_root), 1, 1))
-    return replace(chain.with_joints(joints), root=base, T_frame_root=still, free_root=False)
+    return Chain.of([Joint.of(turn, base, root), *chain.joints()], base, chain.T_frame_root, free_root=False)

@@ -15,10 +15,9 @@ from stages.final_fit.working import Fit, Frames
 from stages.kernels.alignment.evidence import gross_cost, motion_cost
 from stages.kernels.labelling.graph_cut import expansion_move
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, KDTree, nearest
 from stages.kernels.surfaces.surface_graph import smoothness_weights, surface_graph
 
-NEIGHBOURS = 8
 FIRST_LOOK = 3  # frames in which a part is seen to be out of the question
 RULED_OUT = 4.0  # a part whose motion suits a point so much worse than the best one's is not asked
 BONUSES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 4.0)
@@ -85,9 +84,9 @@ def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, 
     A part that is part of the tree holds at least `min_share` of the points: where cuts leave it fewer, because its
     neighbours' motions explain its points as well, it gets those which that costs least.
     """
-    Ts = fit.chain.Ts()
+    Ts = fit.chain.Ts
     p, labels = fuse(fit, frames, fused_frames)
-    graph = surface_graph(p, NEIGHBOURS)
+    graph = surface_graph(p, SURFACE_NEIGHBOURS)
     may = _candidates(fit, labels, graph.crossings(labels)[0])[labels]
     looked_at = list(_spread(frames, FIRST_LOOK))
 
@@ -128,7 +127,7 @@ def _among(
 
 def fuse(fit: Fit, frames: Frames, count: int) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:
     """Canonical points and labels, then those of `count - 1` other frames, moved back by the part that each lies on."""
-    Ts = fit.chain.Ts()
+    Ts = fit.chain.Ts
     inverse = np.linalg.inv(Ts)
     clouds, labels = [frames.p], [fit.labels]
     for t in _spread(frames, count - 1):
@@ -150,9 +149,9 @@ def _candidates(fit: Fit, labels: Int64[np.ndarray, "points"], touching: Int64[n
     """Which parts (columns) a point of each part (rows) may go to: those that touch it, or that a joint or one
     unseen link joins to it."""
     may = np.eye(fit.chain.parts, dtype=bool)
-    pairs = [touching, np.stack([fit.chain.parent, fit.chain.child], axis=1)]
+    pairs = [touching, np.stack([fit.chain.tree.parent, fit.chain.tree.child], axis=1)]
     seen = np.isin(np.arange(fit.chain.parts), labels)
-    parents = fit.chain.parents()
+    parents = fit.chain.tree.parents
     for link in np.flatnonzero(~seen):
         around = [*np.flatnonzero(parents == link), *parents[[link]][parents[[link]] >= 0]]
         pairs.append(np.array([(a, b) for a in around for b in around], dtype=np.int64).reshape(-1, 2))

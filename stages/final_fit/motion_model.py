@@ -7,12 +7,12 @@ would mislead it. Directions in which a part may slide or spin unseen weigh next
 from __future__ import annotations
 
 import numpy as np
-import roma
-import torch
 from jaxtyping import Float64
 
-from stages.kernels.alignment.registration import PLANE_NOISE, NormalEquations
-from stages.kernels.motion import se3
+from stages.kernels.alignment.registration import FRAME_PLANE_SPREAD, NormalEquations
+from stages.kernels.motion.rigid_motion import inverse, left_jacobians, move_points, rotation_vectors
+
+TRIAL_STEPS = 10  # Levenberg-Marquardt steps on the model, to judge a chain
 
 
 class MotionModel:
@@ -23,25 +23,25 @@ class MotionModel:
     counted from the motions' own: negative where other motions suit the frames better.
     """
 
-    def __init__(self, equations: NormalEquations, Ts: Float64[np.ndarray, "frames parts 4 4"], noise: float) -> None:
-        # matches run both ways; the cost of a point is a mean over frames, of plane distances in units of their noise
-        scale = 1.0 / (2 * PLANE_NOISE**2 * (len(Ts) - 1))
+    def __init__(self, equations: NormalEquations, Ts: Float64[np.ndarray, "frames parts 4 4"], spacing: float) -> None:
+        # matches run both ways; the cost of a point is a mean over frames, of plane distances in units of their spread
+        scale = 1.0 / (2 * FRAME_PLANE_SPREAD**2 * (len(Ts) - 1))
         self.hessian, self.gradient = scale * equations.hessian, scale * equations.gradient
-        self.centres, self.Ts, self.noise = equations.centres, Ts, noise
+        self.centres, self.Ts, self.spacing = equations.centres, Ts, spacing
         self.parts = Ts.shape[1]
-        self.p_centres = _moved(np.linalg.inv(Ts), equations.centres)
+        self.p_centres = move_points(inverse(Ts), equations.centres)
 
     def __call__(self, Ts: Float64[np.ndarray, "frames others 4 4"]) -> NormalEquations:
         """Cost and normal equations; twists turn about where the parts' centres lie by `Ts`."""
         known = Ts[:, : self.parts]
         R = known[..., :3, :3] @ np.swapaxes(self.Ts[..., :3, :3], -1, -2)
-        turn = roma.rotmat_to_rotvec(torch.from_numpy(R))
-        centres = _moved(known, self.p_centres)
-        twist = np.concatenate([turn.numpy(), (centres - self.centres) / self.noise], axis=-1)
+        turn = rotation_vectors(R)
+        centres = move_points(known, self.p_centres)
+        twist = np.concatenate([turn, (centres - self.centres) / self.spacing], axis=-1)
         pull = np.einsum("tpij,tpj->tpi", self.hessian, twist)
         cost = float((twist * (pull + 2 * self.gradient)).sum())
         change = np.broadcast_to(np.eye(6), self.hessian.shape).copy()  # d(twist from self.Ts) / d(small twist at Ts)
-        change[..., :3, :3] = torch.linalg.inv(se3.left_jacobian(turn)).numpy()
+        change[..., :3, :3] = np.linalg.inv(left_jacobians(turn))
         change_T = np.swapaxes(change, -1, -2)
         shape = Ts.shape[:2]
         hessian, gradient, all_centres = np.zeros((*shape, 6, 6)), np.zeros((*shape, 6)), np.zeros((*shape, 3))
@@ -49,9 +49,3 @@ class MotionModel:
         gradient[:, : self.parts] = (change_T @ (pull + self.gradient)[..., None])[..., 0]
         all_centres[:, : self.parts] = centres
         return NormalEquations(cost, hessian, gradient, all_centres)
-
-
-def _moved(
-    Ts: Float64[np.ndarray, "frames parts 4 4"], p: Float64[np.ndarray, "frames parts 3"]
-) -> Float64[np.ndarray, "frames parts 3"]:
-    return (Ts[..., :3, :3] @ p[..., None])[..., 0] + Ts[..., :3, 3]

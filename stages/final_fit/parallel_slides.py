@@ -10,9 +10,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int64
 
+from schemas.joints import PRISMATIC
 from stages.final_fit.pruning import refitted
-from stages.final_fit.working import CONTACT, Fit, Frames
-from stages.kernels.kinematics.articulation import Chain, Joint
+from stages.final_fit.working import Fit, Frames
+from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.points.nearest import KDTree, nearest
 
 PARALLEL = np.cos(np.radians(10.0))  # axes at a smaller angle may be the same
@@ -25,14 +26,14 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
     Joints are refined; where all points' costs then rise by `part_price`, the axes were not the same.
     """
     cost = frames.cost(fit)
-    for part in fit.chain.child.tolist():
+    for part in fit.chain.tree.child.tolist():
         own, below = _slides(fit.chain, part)
         if below is None:
             continue
-        touches, touches_below = (_contacts(fit.labels, frames, part, joint.parent) for joint in (own, below))
+        touches, touches_below = (_touching_points(fit.labels, frames, part, joint.parent) for joint in (own, below))
         if touches_below == 0:
             continue
-        hung = refitted(below.parent, part, fit.labels, frames, fit.chain.Ts())
+        hung = refitted(own.kind, below.parent, part, fit.labels, frames, fit.chain.Ts)
         if touches_below <= touches and hung.states.std() >= own.states.std():
             continue
         chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in fit.chain.joints()])
@@ -46,14 +47,14 @@ def _slides(chain: Chain, part: int) -> tuple[Joint, Joint | None]:
     """A part's joint and its parent's, this one None where not both slide along the same axis."""
     joints = {joint.child: joint for joint in chain.joints()}
     own, below = joints[part], joints.get(joints[part].parent)
-    if below is None or own.revolute or below.revolute or abs(float(own.axis @ below.axis)) < PARALLEL:
+    if below is None or own.kind != PRISMATIC or below.kind != PRISMATIC:
         return own, None
-    return own, below
+    return own, below if abs(float(own.axis @ below.axis)) >= PARALLEL else None
 
 
-def _contacts(labels: Int64[np.ndarray, "points"], frames: Frames, part: int, other: int) -> int:
+def _touching_points(labels: Int64[np.ndarray, "points"], frames: Frames, part: int, other: int) -> int:
     """How many points of a part touch another one."""
     p_part, p_other = (frames.p[labels == number] for number in (part, other))
     if len(p_part) == 0 or len(p_other) == 0:
         return 0
-    return int((nearest(KDTree(p_other), p_part)[0] < CONTACT * frames.noise).sum())
+    return int((nearest(KDTree(p_other), p_part)[0] < frames.config.contact * frames.spacing).sum())

@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from stages.final_fit.working import JOINT_SAMPLES, Fit, Frames, joint_fits
-from stages.kernels.kinematics.articulation import Chain, Joint
+from schemas.joints import JointKind
+from stages.final_fit.working import Fit, Frames
+from stages.kernels.kinematics.chain import Chain, Joint
+from stages.kernels.kinematics.closed_form import fit_joint
+from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
 
 # a rise of so many prices is given up: before joints are refined, and after so few steps of it
@@ -50,12 +53,12 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
 def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
     """The fit with `part` made one with `into`, its child or what does not hang on it; what hung on it hangs on that,
     by refitted joints."""
-    chain, Ts = fit.chain, fit.chain.Ts()
+    chain, Ts = fit.chain, fit.chain.Ts
+    tree = chain.tree
     labels = np.where(fit.labels == part, into, fit.labels)
     number = np.cumsum(np.arange(chain.parts) != part) - 1  # parts behind the one that goes move up
-    root = into if chain.root == part else chain.root
-    parents = chain.parents()
-    gone = into if parents[into] == part else part  # the child of the joint that goes
+    root = into if tree.root == part else tree.root
+    gone = into if tree.parents[into] == part else part  # the child of the joint that goes
     joints: list[Joint] = []
     for joint in chain.joints():
         if joint.child == gone:
@@ -64,42 +67,24 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
             joints.append(_numbered(joint, number))
             continue
         parent, child = (into if end == part else end for end in (joint.parent, joint.child))
-        joints.append(_numbered(refitted(parent, child, labels, frames, Ts), number))
-    T_frame_root = Ts[:, root] if chain.free_root else chain.T_frame_root
-    whole = replace(chain, root=int(number[root]), T_frame_root=T_frame_root)
-    return Fit(whole.with_joints(_parents_first(joints, whole.root)), number[labels])
-
-
-def _parents_first(joints: list[Joint], root: int) -> list[Joint]:
-    """Every joint after its parent's own, else in the order given."""
-    placed, known = [], {root}
-    while joints:
-        waiting = []
-        for joint in joints:
-            if joint.parent in known:
-                placed.append(joint)
-                known.add(joint.child)
-            else:
-                waiting.append(joint)
-        if len(waiting) == len(joints):
-            raise ValueError("joints that do not hang on the root: a part was joined with one that hangs on it")
-        joints = waiting
-    return placed
+        joints.append(_numbered(refitted(joint.kind, parent, child, labels, frames, Ts), number))
+    return Fit(Chain.of(joints, int(number[root]), Ts[:, root], tree.free_root), number[labels])
 
 
 def refitted(
+    kind: JointKind,
     parent: int,
     child: int,
     labels: Int64[np.ndarray, "points"],
     frames: Frames,
     Ts: Float64[np.ndarray, "frames parts 4 4"],
 ) -> Joint:
-    """The joint that best explains a part's motion against another one's, in closed form."""
+    """The joint, of a kind like the one given, that best explains a part's motion against another one's."""
     p_child = frames.p[labels == child]
-    p_child = p_child[farthest_points(p_child, JOINT_SAMPLES)]
-    fits = joint_fits(Ts, np.array([parent]), np.array([child]), p_child[None])
-    states = fits.states[0] - fits.states[0, frames.canonical_frame]
-    return Joint(parent, child, bool(fits.revolute[0]), fits.axis[0], fits.point[0], states)
+    p_child = p_child[farthest_points(p_child, frames.config.joint_samples)]
+    motion = inverse(Ts[:, parent]) @ Ts[:, child]
+    fit = fit_joint(frames.kinds_like(kind), motion, p_child)
+    return Joint.of(fit.since(frames.canonical_frame), parent, child)
 
 
 def _numbered(joint: Joint, number: Int64[np.ndarray, "parts"]) -> Joint:
@@ -109,7 +94,7 @@ def _numbered(joint: Joint, number: Int64[np.ndarray, "parts"]) -> Joint:
 def _neighbours(chain: Chain, part: int) -> list[int]:
     """What a part may be made one with: its parent, its child where there is only one, and what is linked to its
     parent, as pieces of one rigid part may be seen apart: a frame on both sides of its door."""
-    parents = chain.parents()
+    parents = chain.tree.parents
     children, parent = np.flatnonzero(parents == part).tolist(), int(parents[part])
     only = children if len(children) == 1 else []
     if parent < 0:
@@ -121,6 +106,6 @@ def _neighbours(chain: Chain, part: int) -> list[int]:
 
 def _rises(fit: Fit, frames: Frames, part: int, others: list[int]) -> list[float]:
     """What the points of a part would cost more with the motion of each of some others as it is."""
-    index, Ts = np.flatnonzero(fit.labels == part), fit.chain.Ts()
+    index, Ts = np.flatnonzero(fit.labels == part), fit.chain.Ts
     own, *rest = (frames.registration.cost(index, np.full(len(index), number), Ts) for number in (part, *others))
     return [float((cost - own).sum()) for cost in rest]

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import roma
-import torch
 from jaxtyping import Float64
 
+from schemas.joints import REVOLUTE
 from stages.kernels.alignment.registration import NormalEquations, twist_jacobian
-from stages.kernels.kinematics.articulation import Chain, fit_chain
+from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
+from stages.kernels.motion.rigid_motion import move_points, rotation_vectors
 
-DIRECTIONS = 6  # first axes that a fit starts from, spread over the plane in which the rotation vectors lie
-AS_GOOD = 1.3, 0.05  # a fit is as good as the best within this factor, or so many noise units
+AS_GOOD = 1.3, 0.05  # a fit is as good as the best within this factor, or so many spacings
 
 
 @dataclass(frozen=True)
@@ -22,8 +21,8 @@ class ScrewPair:
 
     axis: Float64[np.ndarray, "2 3"]
     point: Float64[np.ndarray, "2 3"]
-    states: Float64[np.ndarray, "2 frames"]
-    residual: float
+    states: Float64[np.ndarray, "frames 2"]
+    rms: float
 
 
 def fit_screw_pair(
@@ -31,51 +30,45 @@ def fit_screw_pair(
     p_child: Float64[np.ndarray, "points 3"],
     p_contact: Float64[np.ndarray, "3"],
     canonical_frame: int,
-    noise: float,
-    iterations: int = 15,
+    spacing: float,
+    iterations: int,
+    directions: int,
 ) -> ScrewPair:
     """The two revolute joints in a row that best take the child's points where the motion takes them.
 
-    Starts with perpendicular axes through `p_contact`, in several directions. Of fits about as good as the best, the
-    one that turns least is taken: axes nearly parallel can explain anything by large angles.
+    Starts with perpendicular axes through `p_contact`, in so many `directions` of the plane in which the rotation
+    vectors lie. Of fits about as good as the best, the one that turns least is taken: axes nearly parallel can explain
+    anything by large angles.
     """
     frames = len(Ts_parent_child)
-    target = np.einsum("tij,nj->tni", Ts_parent_child[:, :3, :3], p_child) + Ts_parent_child[:, None, :3, 3]
-    rotations = roma.rotmat_to_rotvec(torch.from_numpy(Ts_parent_child[:, :3, :3].copy())).numpy()
+    target = move_points(Ts_parent_child[:, None], p_child)
+    rotations = rotation_vectors(Ts_parent_child[:, :3, :3])
     plane = np.linalg.svd(rotations, full_matrices=True)[2]
 
     def linearise(Ts: Float64[np.ndarray, "frames 3 4 4"]) -> NormalEquations:
-        p = np.einsum("tij,nj->tni", Ts[:, 2, :3, :3], p_child) + Ts[:, 2, None, :3, 3]
+        p = move_points(Ts[:, 2, None], p_child)
         hessian, gradient = np.zeros((frames, 3, 6, 6)), np.zeros((frames, 3, 6))
         centres = np.zeros((frames, 3, 3))
         centres[:, 2] = p.mean(axis=1)
-        jacobian = twist_jacobian((p - centres[:, 2, None]) / noise)
-        offset = (p - target) / noise
+        jacobian = twist_jacobian((p - centres[:, 2, None]) / spacing)
+        offset = (p - target) / spacing
         hessian[:, 2] = np.einsum("tnia,tnib->tab", jacobian, jacobian)
         gradient[:, 2] = np.einsum("tnia,tni->ta", jacobian, offset)
         return NormalEquations(float((offset**2).sum()), hessian, gradient, centres)
 
     fits = []
-    for angle in np.arange(DIRECTIONS) * np.pi / DIRECTIONS:
+    for angle in np.arange(directions) * np.pi / directions:
         first = np.cos(angle) * plane[0] + np.sin(angle) * plane[1]
         second = np.cos(angle) * plane[1] - np.sin(angle) * plane[0]
         axis = np.stack([first, second])
-        states = axis @ rotations.T
-        chain = Chain(
-            root=0,
-            parent=np.array([0, 1]),
-            child=np.array([1, 2]),
-            revolute=np.array([True, True]),
-            axis=axis,
-            point=np.stack([p_contact, p_contact]),
-            states=states - states[:, [canonical_frame]],
-            T_frame_root=np.tile(np.eye(4), (frames, 1, 1)),
-            free_root=False,
-        )
-        chain = fit_chain(chain, linearise, canonical_frame, noise, iterations)
-        residual = noise * np.sqrt(linearise(chain.Ts()).cost / (frames * len(p_child)))
-        fits.append(ScrewPair(chain.axis, chain.point, chain.states, float(residual)))
-    best = min(fit.residual for fit in fits)
+        states = rotations @ axis.T
+        states -= states[canonical_frame]
+        joints = [Joint(REVOLUTE, k, k + 1, axis[k], p_contact, states[:, [k]]) for k in (0, 1)]
+        chain = Chain.of(joints, 0, Ts_parent_child, free_root=False)
+        chain = fit_chain(chain, linearise, canonical_frame, spacing, iterations)
+        rms = spacing * np.sqrt(linearise(chain.Ts).cost / (frames * len(p_child)))
+        fits.append(ScrewPair(chain.tree.axis, chain.tree.point, chain.states, float(rms)))
+    best = min(fit.rms for fit in fits)
     factor, slack = AS_GOOD
-    good = [fit for fit in fits if fit.residual <= max(factor * best, best + slack * noise)]
-    return min(good, key=lambda fit: float(np.ptp(fit.states, axis=1).sum()))
+    good = [fit for fit in fits if fit.rms <= max(factor * best, best + slack * spacing)]
+    return min(good, key=lambda fit: float(np.ptp(fit.states, axis=0).sum()))

@@ -1,8 +1,8 @@
 """Non-rigid alignment of one cloud to another by a graph of rigid nodes (embedded deformation).
 
-Nodes are spread over the source surface; each carries a rigid transform and moves the points near it,
-near being measured along the surface. Gauss-Newton minimises robust point-to-plane distances in both
-directions plus a stiffness that asks neighbouring nodes to agree on each other's position.
+Nodes are spread over the source surface. Each has a rigid transform and moves the points near it, by distance along
+the surface. Gauss-Newton minimises robust point-to-plane distances in both directions plus a stiffness term, by which
+neighbouring nodes agree on each other's position.
 """
 
 from __future__ import annotations
@@ -14,22 +14,20 @@ from jaxtyping import Float64, Int64
 from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from stages.kernels.alignment.registration import sum_groups, turn_about, twist_jacobian
+from stages.kernels.alignment.registration import POINT_TO_POINT, sum_groups, turn_about, twist_jacobian
 from stages.kernels.motion.rigid_motion import move_points
-from stages.kernels.points.nearest import KDTree, nearest, neighbours
+from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, KDTree, nearest, neighbours
 from stages.kernels.points.sampling import farthest_points
 
-SURFACE_NEIGHBOURS = 8
-POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
-EDGE_REACH = 3.0  # gaps between neighbouring nodes much wider than this, in noise units, are taken for joints
-SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of a Gauss-Newton step's conjugate gradients
+EDGE_REACH = 3.0  # robust reach of the stiffness, in spacing units: neighbours that differ by more may be at a joint
+SOLVE_TOLERANCE, SOLVE_ITERATIONS = 1e-3, 200  # of the conjugate gradients in a Gauss-Newton step
 
 
 @dataclass(frozen=True)
 class DeformationGraph:
-    """Nodes on a source cloud and which of them move which point.
+    """Nodes on a source cloud, and the nodes that move each point.
 
-    `anchors` (points, k) are node indices, `weights` (points, k) add up to one; `edges` (edges, 2) link
+    `anchors` (points, k) are node indices, and the rows of `weights` (points, k) add up to one. `edges` (edges, 2) link
     nodes that move a common point, in both directions.
     """
 
@@ -57,7 +55,7 @@ def build_graph(points: Float64[np.ndarray, "points 3"], nodes: int, neighbours_
 def _surface_distances(
     points: Float64[np.ndarray, "points 3"], centres: Int64[np.ndarray, "nodes"]
 ) -> Float64[np.ndarray, "points nodes"]:
-    """Distances along the surface; across gaps in the surface, straight distances with a penalty."""
+    """Distances along the surface. Across gaps they are straight distances with a penalty."""
     lengths, indices = neighbours(points, SURFACE_NEIGHBOURS)
     rows = np.repeat(np.arange(len(points)), indices.shape[1])
     surface = csr_array((lengths.ravel() + 1e-12, (rows, indices.ravel())), shape=(len(points), len(points)))
@@ -69,7 +67,7 @@ def _surface_distances(
 def deform(
     graph: DeformationGraph, Ts_target_node: Float64[np.ndarray, "nodes 4 4"], points: Float64[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points 3"]:
-    """The source points moved by their nodes."""
+    """Move the source points by their nodes."""
     return np.einsum("nk,nki->ni", graph.weights, _moved_by_anchors(graph, Ts_target_node, points))
 
 
@@ -83,8 +81,8 @@ def _moved_by_anchors(
 class Alignment:
     """Gauss-Newton alignment of a source cloud's deformation graph to a target cloud.
 
-    Lengths inside are in units of `noise`, the clouds' spacing, so that stiffness and robustness mean the
-    same at any sampling density.
+    Internal lengths are in units of `spacing`, the clouds' spacing, so that stiffness and robustness do not depend on
+    the sampling density.
     """
 
     def __init__(
@@ -93,11 +91,11 @@ class Alignment:
         source: Float64[np.ndarray, "points 3"],
         target: Float64[np.ndarray, "targets 3"],
         target_normals: Float64[np.ndarray, "targets 3"],
-        noise: float,
+        spacing: float,
     ) -> None:
         self.graph, self.source, self.target = graph, source, target
         self.target_tree = KDTree(target)
-        self.noise = noise
+        self.spacing = spacing
         # n n^T + POINT_TO_POINT I: the information that a match gives about a point's position
         self.target_information = np.einsum("ni,nj->nij", target_normals, target_normals)
         self.target_information += POINT_TO_POINT * np.eye(3)
@@ -108,17 +106,17 @@ class Alignment:
     def matches(
         self, warped: Float64[np.ndarray, "points 3"]
     ) -> tuple[Int64[np.ndarray, "matches"], Int64[np.ndarray, "matches"], Float64[np.ndarray, "matches"]]:
-        """Nearest-neighbour pairs (source, target, distance / noise) in both directions."""
+        """Nearest-neighbour pairs (source, target, distance / spacing) in both directions."""
         forward_distance, forward = nearest(self.target_tree, warped)
         backward_distance, backward = nearest(KDTree(warped), self.target)
         source = np.concatenate([np.arange(len(warped)), backward])
         target = np.concatenate([forward, np.arange(len(self.target))])
-        return source, target, np.concatenate([forward_distance, backward_distance]) / self.noise
+        return source, target, np.concatenate([forward_distance, backward_distance]) / self.spacing
 
     def step(
         self, Ts: Float64[np.ndarray, "nodes 4 4"], stiffness: float, reach: float
     ) -> Float64[np.ndarray, "nodes 4 4"]:
-        """One Gauss-Newton step; matches much farther apart than `reach` (in noise units) hardly count."""
+        """Take one Gauss-Newton step. Matches much farther apart than `reach` (in spacing units) hardly count."""
         graph, nodes = self.graph, len(self.graph.p_nodes)
         centres = move_points(Ts, graph.p_nodes)
         moved = _moved_by_anchors(graph, Ts, self.source)
@@ -127,23 +125,23 @@ class Alignment:
         source, target, distance = self.matches(warped)
         robust = (1.0 / (1.0 + (distance / reach) ** 2)) ** 2
         information = robust[:, None, None] * self.target_information[target]
-        offsets = (warped[source] - self.target[target]) / self.noise
+        offsets = (warped[source] - self.target[target]) / self.spacing
         pull = np.einsum("mij,mj->mi", information, offsets)
         information = sum_groups(information.reshape(-1, 9), source, len(warped)).reshape(-1, 3, 3)
         pull = sum_groups(pull, source, len(warped))
 
         # d(point)/d(twist of anchor k about its own centre) = w_k [-skew(p_k - c_k), I]
         arms = moved - centres[graph.anchors]
-        jacobian = graph.weights[:, :, None, None] * twist_jacobian(arms / self.noise)
+        jacobian = graph.weights[:, :, None, None] * twist_jacobian(arms / self.spacing)
         jacobian = jacobian.transpose(0, 2, 1, 3).reshape(len(warped), 3, -1)
         blocks = self._point_sums @ pair_blocks(jacobian, np.matmul(information, jacobian))
         gradient = _sum_twists(graph.anchors, np.matmul(pull[:, None], jacobian), nodes)
 
-        # stiffness: a node's idea of where its neighbour's centre is, against the neighbour's own
+        # stiffness: a node's transform of its neighbour's centre, minus the neighbour's own
         k, neighbour = graph.edges.T
         predicted = move_points(Ts[k], graph.p_nodes[neighbour])
-        gap = (predicted - centres[neighbour]) / self.noise
-        jacobian_k = twist_jacobian((predicted - centres[k]) / self.noise)
+        gap = (predicted - centres[neighbour]) / self.spacing
+        jacobian_k = twist_jacobian((predicted - centres[k]) / self.spacing)
         jacobian_neighbour = np.broadcast_to(-twist_jacobian(np.zeros((1, 3))), jacobian_k.shape)
         edge_jacobian = np.concatenate([jacobian_k, jacobian_neighbour], axis=2)
         edge_weight = stiffness / (1.0 + (gap**2).sum(-1) / EDGE_REACH**2) ** 2
@@ -152,16 +150,16 @@ class Alignment:
         gradient += _sum_twists(graph.edges, np.matmul(gap[:, None], weighted), nodes)
 
         twists = -self._pattern.solve(blocks.reshape(-1, 6, 6), gradient)
-        return turn_about(centres, twists, self.noise) @ Ts
+        return turn_about(centres, twists, self.spacing) @ Ts
 
     def cost(self, Ts: Float64[np.ndarray, "nodes 4 4"], reach: float) -> float:
-        """Mean robust squared distance in both directions, in squared noise units."""
+        """Mean robust squared distance in both directions, in squared spacings."""
         distance = self.matches(deform(self.graph, Ts, self.source))[2]
         return float(np.mean(distance**2 / (1.0 + (distance / reach) ** 2)))
 
 
 class BlockPattern:
-    """Which 6 x 6 blocks of a graph's Hessian are filled: the diagonal ones and one for each edge, row by row."""
+    """The filled 6 x 6 blocks of a graph's Hessian: the diagonal ones and one for each edge, row by row."""
 
     def __init__(self, edges: Int64[np.ndarray, "edges 2"], nodes: int) -> None:
         self.nodes = nodes

@@ -1,8 +1,8 @@
-"""Estimator `hybrid`: `geometric`, with a further start for large motions that comes from matches of descriptors.
+"""Estimator `hybrid`: `geometric` with an additional start for large motions, from matches of descriptors.
 
-Where the alignment of `geometric` leaves more than sampling noise between two frames, their descriptors are matched,
-most likely wrongly in part; rigid pieces that explain the matches and the target are put together to a start; and what
-the same deformation graph makes of it is taken where that fits better. Without matches it is `geometric`.
+If the alignment by `geometric` leaves more than sampling noise between two frames, their descriptors are matched. Many
+matches may be wrong. Rigid pieces that explain the matches and the target form a start for the same deformation graph.
+Its result is used if it fits better. Without matches the estimator equals `geometric`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from stages.flow.piecewise_rigid import Nodes, Surface, piecewise_rigid
 from stages.kernels.points.sampling import working_points
 from stages.support.progress import Progress
 
-GOOD_COST = 0.42  # an alignment that costs less leaves nothing but sampling noise
+GOOD_COST = 0.42  # an alignment of lower cost leaves only sampling noise
 
 
 def hybrid_of(*describes: Describe) -> Estimator:
-    """The estimator that takes its matches from some descriptors, all together."""
+    """Make the estimator that uses the matches of all given descriptors together."""
 
     def estimate(
         frames: Sequence[Float64[np.ndarray, "points 3"]],
@@ -33,7 +33,7 @@ def hybrid_of(*describes: Describe) -> Estimator:
         rng: np.random.Generator,
         progress: Progress,
     ) -> list[PairFlow]:
-        """Flow of each consecutive pair of frames; triples of matches are drawn with `rng`."""
+        """Estimate the flow of each consecutive pair of frames. `rng` draws triples of matches."""
 
         @cache
         def described(t: int) -> list[Described]:
@@ -61,13 +61,13 @@ def better_motion(
     config: GeometricFlowConfig,
     rng: np.random.Generator,
 ) -> Float64[np.ndarray, "nodes 4 4"]:
-    """The motion of the fine nodes that a start from matches leads to, if it fits better than `Ts`; else `Ts`."""
-    if len(p_from) < 3:  # which say nothing of a rigid motion
+    """The motion of the fine nodes from a start by matches, if it fits better than `Ts`; else `Ts`."""
+    if len(p_from) < 3:  # too few for a rigid motion
         return Ts
     fine, graph = pair.fine, pair.fine.graph
     nodes = Nodes(graph.p_nodes, graph.edges[graph.edges[:, 0] < graph.edges[:, 1]], graph.anchors[:, 0].copy())
     surfaces = Surface.of(fine.source), Surface.of(fine.target)
-    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, fine.noise, rng)
-    # only the last, softest level: stiffer ones pull joints that are bent far out of shape
+    start = piecewise_rigid(nodes, *surfaces, p_from, p_to, fine.spacing, rng)
+    # only the last, softest level, since stiffer ones distort joints that bend far
     found = follow(fine, start, config, slice(-1, None))
     return min((Ts, found), key=lambda motion: fine.cost(motion, REACH_FINE))

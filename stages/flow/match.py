@@ -1,4 +1,4 @@
-"""Matches of two clouds by features of their points, and the estimators that go by nothing else."""
+"""Matches of two clouds by features of their points, and the estimators that use these matches alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 from schemas.config import FlowConfig
 from stages.flow.pair import PairFlow
 from stages.kernels.points.nearest import KDTree
-from stages.kernels.points.sampling import spacing, working_points
+from stages.kernels.points.sampling import point_spacing, working_points
 from stages.support.progress import Progress
 
 Describe = Callable[[Float64[np.ndarray, "points 3"], FlowConfig], Float[np.ndarray, "points features"]]
@@ -21,42 +21,42 @@ Estimator = Callable[
     [Sequence[Float64[np.ndarray, "points 3"]], FlowConfig, np.random.Generator, Progress], list[PairFlow]
 ]
 
-SAME_PLACE = 0.02, 2.0  # points as near as this, in diagonals or in spacings, are one: frames are sampled anew
-COMPANY = 24  # matches around one that it is compared with
-AROUND = 16  # points at most that are taken for the same place
-MOST_POINTS = 4096  # of a frame that are matched: a matching matrix grows with their square
-CHUNK = 1024  # rows of the matching matrix that are held at a time
+SAME_PLACE = 0.02, 2.0  # in diagonals or spacings: closer points count as one place, since each frame is sampled anew
+COMPANY = 24  # nearby matches with which each match is compared
+AROUND = 16  # most points at one place
+MOST_POINTS = 4096  # of a frame to match, since the matching matrix grows with the square
+CHUNK = 1024  # rows of the matching matrix held in memory at a time
 
 
 @dataclass(frozen=True)
 class Described:
-    """Points of a cloud, in the normalised frame, and features whose dot products with another's are logits of S(P)."""
+    """Points of a cloud, in the normalised frame, with features. Dot products of features are logits of S(P) (A.1)."""
 
     p: Float64[np.ndarray, "points 3"]
     features: Float[np.ndarray, "points features"]
 
     @cached_property
     def same_place(self) -> float:
-        """How near points are that are taken for one."""
+        """The distance up to which points count as the same place."""
         diagonals, spacings = SAME_PLACE
-        return max(diagonals, spacings * spacing(self.p)) if len(self.p) > 1 else diagonals
+        return max(diagonals, spacings * point_spacing(self.p)) if len(self.p) > 1 else diagonals
 
 
 @dataclass(frozen=True)
 class Matches:
-    """Points of a source and a target cloud taken for the same place, and how sure that is, in [0, 1]."""
+    """Matched points of a source and a target cloud, and the confidence of each match in [0, 1]."""
 
     source_index: Int64[np.ndarray, "matches"]
     target_index: Int64[np.ndarray, "matches"]
     confidence: Float64[np.ndarray, "matches"]
 
     def of(self, kept: Bool[np.ndarray, "matches"]) -> Matches:
-        """Some of the matches."""
+        """The matches that are kept."""
         return Matches(self.source_index[kept], self.target_index[kept], self.confidence[kept])
 
 
 def matching_by(describe: Describe) -> Estimator:
-    """The estimator whose flow is the matched points' difference."""
+    """Make the estimator whose flow is the difference of matched points."""
 
     def estimate(
         frames: Sequence[Float64[np.ndarray, "points 3"]],
@@ -84,7 +84,7 @@ def matching_by(describe: Describe) -> Estimator:
 def keep_distances(
     p_from: Float64[np.ndarray, "matches 3"], p_to: Float64[np.ndarray, "matches 3"], tolerance: float
 ) -> Bool[np.ndarray, "matches"]:
-    """Which matches are as far from at least half of the matches around them before as after, as on a rigid part."""
+    """Which matches keep their distances, up to `tolerance`, to half of the nearby matches, as on a rigid part."""
     if len(p_from) == 0:
         return np.zeros(0, dtype=bool)
     count = min(COMPANY + 1, len(p_from))
@@ -97,15 +97,15 @@ def keep_distances(
 def places(
     source: Described, target: Described, matches: Matches
 ) -> tuple[Float64[np.ndarray, "matches 3"], Float64[np.ndarray, "matches 3"]]:
-    """Where the matched points are in the source and in the target."""
+    """The positions of the matched points in the source and in the target."""
     return source.p[matches.source_index], target.p[matches.target_index]
 
 
 def match_features(source: Described, target: Described) -> Matches:
-    """Each source point's likeliest target point, where that one's likeliest source point is at the same place.
+    """Match each source point to its likeliest target point, if the likeliest point back is at the same place.
 
-    Being each other's likeliest to the very point is asking too much: even the true motion makes only half of two
-    clouds' points each other's nearest. The confidence is the probability of all target points at the matched place.
+    Requiring the very same point would be too strict: even under the true motion only half of two clouds' points are
+    mutual nearest neighbours. The confidence is the total probability of the target points at the matched place.
     """
     if len(source.p) == 0 or len(target.p) == 0:
         nothing = np.zeros(0, dtype=np.int64)
@@ -127,7 +127,7 @@ def match_features(source: Described, target: Described) -> Matches:
 
 
 def _around(cloud: Described) -> Int64[np.ndarray, "points around"]:
-    """The points at the same place as each point, itself the first; the number of points where there are fewer."""
+    """The points at the same place as each point, itself first. The number of points fills rows with fewer."""
     count = min(AROUND, len(cloud.p))
     near = KDTree(cloud.p).query(cloud.p, k=count, distance_upper_bound=cloud.same_place)[1]
     return near.reshape(len(cloud.p), count).astype(np.int64)
@@ -136,7 +136,7 @@ def _around(cloud: Described) -> Int64[np.ndarray, "points around"]:
 def _likeliest(
     source: Described, target: Described, around: Int64[np.ndarray, "targets around"], rows: slice
 ) -> tuple[Int64[np.ndarray, "rows"], Float32[np.ndarray, "rows"]]:
-    """Each row's likeliest target point, and the probability of all points at its place."""
+    """The likeliest target point of each row, and the total probability of the points at its place."""
     logits = source.features[rows] @ target.features.T
     chosen = logits.argmax(axis=1)
     probability = np.exp(logits - logits.max(axis=1, keepdims=True))

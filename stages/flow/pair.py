@@ -1,4 +1,4 @@
-"""What an estimator says of one pair of frames."""
+"""The flow of one pair of frames, as an estimator returns it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.kernels.points.nearest import KDTree, nearest
 
 @dataclass(frozen=True)
 class PairFlow:
-    """Matched points of frames t and t + 1, the source points' displacement and its confidence in [0, 1]."""
+    """Matched points of frames t and t + 1, with the source points' displacement and its confidence in [0, 1]."""
 
     source_index: Int64[np.ndarray, "matches"]
     target_index: Int64[np.ndarray, "matches"]
@@ -24,22 +24,22 @@ def mutual_matches(
     source: Float64[np.ndarray, "points 3"],
     warped: Float64[np.ndarray, "points 3"],
     target: Float64[np.ndarray, "targets 3"],
-    noise: float,
+    spacing: float,
     max_distance: float,
 ) -> PairFlow:
-    """Source and target points that are each other's nearest once the source is warped onto the target.
+    """Match source and target points that are mutual nearest neighbours once the source is warped onto the target.
 
-    Pairs farther apart than `max_distance` in units of `noise` (the target's spacing) are dropped; the
-    confidence falls with that distance as a Gaussian of one spacing. The flow is the warp's own
-    displacement, free of the sampling noise of the matched points.
+    Pairs farther apart than `max_distance`, in units of `spacing` (the target's spacing), are dropped. The confidence
+    falls with the distance as a Gaussian of one spacing. The flow is the displacement by the warp, which is free of the
+    matched points' sampling noise.
     """
     distance, forward = nearest(KDTree(target), warped)
     backward = nearest(KDTree(warped), target)[1]
     index = np.arange(len(warped))
-    kept = np.flatnonzero((backward[forward] == index) & (distance <= max_distance * noise))
+    kept = np.flatnonzero((backward[forward] == index) & (distance <= max_distance * spacing))
     return PairFlow(
         source_index=kept,
         target_index=forward[kept],
         flow=warped[kept] - source[kept],
-        confidence=np.exp(-0.5 * (distance[kept] / noise) ** 2),
+        confidence=np.exp(-0.5 * (distance[kept] / spacing) ** 2),
     )

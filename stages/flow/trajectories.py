@@ -1,4 +1,4 @@
-"""Points followed through the whole sequence along the flow."""
+"""Trajectories of points through the whole sequence, along the flow."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from schemas.flow import Flow
 from schemas.sequence import PointSequence
 from stages.kernels.points.nearest import KDTree
 
-# Matches as sure as those of `geometric` (two spacings off, at worst, by default) are followed alike; less sure ones
-# count for less, though never for nothing.
+# Matches of at least the confidence SURE have equal weights. By default all matches of `geometric` do, since they are
+# at most two spacings apart. Less confident ones have lower weights, but at least LEAST_WEIGHT.
 SURE, LEAST_WEIGHT = np.exp(-2.0), 1e-12
 
 
@@ -21,9 +21,9 @@ def interpolate(
     count: int,
     sample_weights: Float64[np.ndarray, "samples"] | None = None,
 ) -> tuple[Float64[np.ndarray, "queries c"], Float64[np.ndarray, "queries"]]:
-    """Inverse-distance interpolation over the nearest `count` samples, and the distance to the nearest one.
+    """Interpolate over the nearest `count` samples by inverse distance. Also return the distance to the nearest one.
 
-    `sample_weights`, all positive, say what each sample counts; by default all count alike.
+    The `sample_weights` are positive, and equal by default.
     """
     count = min(count, len(values))
     distances, indices = tree.query(np.ascontiguousarray(queries), k=count)
@@ -42,9 +42,9 @@ def follow_flow(
     canonical_frame: int,
     neighbours: int,
 ) -> Float64[np.ndarray, "frames points 3"]:
-    """Where points of the canonical frame are in every frame, chaining the flow forwards and backwards.
+    """Trajectories of points of the canonical frame, by chaining the flow forwards and backwards.
 
-    Of the matches around a point, those of little confidence count for less.
+    Matches of low confidence have less weight.
     """
     frames, pairs = sequence.frames(), flow.pairs()
     trajectories = np.empty((len(frames), len(p_canonical), 3))
@@ -52,7 +52,7 @@ def follow_flow(
     for t in range(canonical_frame, len(frames) - 1):
         source, _, motion, confidence = pairs[t]
         here = trajectories[t]
-        if len(source) == 0:  # nothing is known of this pair: stand still
+        if len(source) == 0:  # no matches in this pair: assume no motion
             trajectories[t + 1] = here
             continue
         tree = KDTree(frames[t][source])

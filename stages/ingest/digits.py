@@ -1,4 +1,4 @@
-"""A warning for coordinates that have lost their digits on the way to the file."""
+"""A warning for coordinates that were rounded too coarsely before or in the file."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from stages.kernels.points.quantisation import coarseness, quantisation_step
 
 _log = logging.getLogger("rearticulate.ingest")
 
-_LOOKED_AT = 10  # frames
+_LOOKED_AT = 10  # frames to check
 
 
 def warn_of_lost_digits(names: Sequence[str], frames: Sequence[Points]) -> None:
-    """Warn where at least half of the frames are coarse, naming the steps and the cloud's spacing."""
+    """Warn if at least half of the checked frames are coarse. The warning names the steps and the cloud's spacing."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, _LOOKED_AT).astype(int))
     found = {int(index): coarseness(frames[index]) for index in chosen}
     if np.median(list(found.values())) == 0:
@@ -34,5 +34,5 @@ def warn_of_lost_digits(names: Sequence[str], frames: Sequence[Points]) -> None:
 
 
 def _size(points: Points) -> float:
-    """The cloud's diagonal; a surface's points are about a quarter of it, over the root of their number, apart."""
+    """The cloud's diagonal. N points of a surface have a spacing of about diagonal / (4 sqrt(N))."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))

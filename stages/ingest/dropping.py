@@ -1,6 +1,6 @@
-"""Points that are none: without finite coordinates, or one of many at one and the same place.
+"""Invalid points: those without finite coordinates, and those of many at one and the same place.
 
-Depth cameras write zeros, or another fixed value, where they measured nothing.
+Depth cameras write zeros, or another fixed value, for pixels without a measurement.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from jaxtyping import Bool, Float64
 from stages.ingest.readers import Frame
 from stages.kernels.points.quantisation import coarseness
 
-_FEWEST = 8  # points at one place; fewer are a coincidence of scans put together
-_SHARE = 0.001  # of the frame's points
-_TIMES_USUAL = 10  # as many as nearly all other places hold; clouds drawn with replacement hold some twice and thrice
+_FEWEST = 8  # points at one place; fewer may coincide where scans were merged
+_SHARE = 0.001  # least share of the frame's points at one place
+_TIMES_USUAL = 10  # times the usual number at a place; clouds drawn with replacement hold some points 2 or 3 times
 _USUAL = 0.95
-_MOST_PLACES = 3  # more are no camera's doing
-_KEY = (0.8507207, 0.4127213, 0.3251893)  # tells points apart by one number
+_MOST_PLACES = 3  # more places are not due to a camera
+_KEY = (0.8507207, 0.4127213, 0.3251893)  # direction along which different points differ
 
 
 def kept_points(frame: Frame) -> Bool[np.ndarray, "points"]:
-    """Which points of a frame have finite coordinates and are not among very many at one place."""
+    """Which points of a frame are valid: they have finite coordinates and are not among very many at one place."""
     kept = np.isfinite(frame.points).all(axis=1)
     kept[kept] = ~_piled(frame.points[kept])
     return kept
 
 
 def dropped_message(frames: Sequence[Frame], dropped: list[int]) -> str:
-    """One line on the points that `kept_points` leaves out of frames, of which `dropped` says how many."""
+    """One line on the points that `kept_points` excludes. `dropped` is their number in each frame."""
     affected = [
         f"{count} of {len(frame.points)} in {frame.name}" for frame, count in zip(frames, dropped, strict=True) if count
     ]
@@ -42,18 +42,18 @@ def dropped_message(frames: Sequence[Frame], dropped: list[int]) -> str:
 
 
 def _where(frames: Sequence[Frame]) -> str:
-    """The first place at which points are piled."""
+    """The first place with very many points."""
     for frame in frames:
         points = frame.points[np.isfinite(frame.points).all(axis=1)]
         if (piled := _piled(points)).any():
-            return f" ({', '.join(f'{value:.6g}' for value in points[piled][0] + 0.0)})"  # 0.0 takes the sign of -0
+            return f" ({', '.join(f'{value:.6g}' for value in points[piled][0] + 0.0)})"  # + 0.0: no "-0"
     return ""
 
 
 def _piled(points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
     """Which points lie with very many others at exactly one place, unless all do.
 
-    Where coordinates have lost their digits, points that are some come to lie at one place too; zeros alone are none.
+    In coarsely rounded frames valid points coincide too, so that there only zeros count as invalid.
     """
     piled = np.zeros(len(points), dtype=bool)
     keys = points[:, 0] * _KEY[0] + points[:, 1] * _KEY[1] + points[:, 2] * _KEY[2]

@@ -1,4 +1,4 @@
-"""What the readers of input say where they cannot go on."""
+"""Errors of the readers of input."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from schemas.errors import InputError
 
 
 class TooLargeError(ValueError):
-    """The input declares or holds more points than may still be read."""
+    """The input declares or holds more points than allowed."""
 
     def __init__(self, count: int, most: int) -> None:
         super().__init__(f"found {count:,} points, expected at most {most:,}")
@@ -17,19 +17,19 @@ class TooLargeError(ValueError):
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception says, as one short line."""
+    """Format an exception as one short line."""
     return " ".join(str(error).split())[:300].rstrip(".") or type(error).__name__
 
 
 def unreadable(path: Path, error: OSError) -> InputError:
-    """The error for a file or folder that the system does not let us read."""
+    """The error for a file or folder that the system does not allow us to read."""
     return InputError(
         f"{path}: cannot be read ({error.strerror or one_line(error)}); check its permissions and the disk"
     )
 
 
 def out_of_memory(path: Path) -> InputError:
-    """The error for a file that may well be sound."""
+    """The error for a file that could not be read for lack of memory. The file may be intact."""
     return InputError(
         f"{path}: reading it takes more memory than there is; thin the clouds, "
         "take every so many-th frame (ingest.every) or free memory"

@@ -1,4 +1,4 @@
-"""From frames in any unit to the normalised frame: centred on the object, with a diagonal of one."""
+"""Conversion of frames in any unit to the normalised frame, centred on the object and with a diagonal of one."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ from stages.ingest.truth import RawTruth, check_truth
 
 _log = logging.getLogger("rearticulate.ingest")
 
-_LARGEST_COORDINATE = GREATEST / 1000  # so that motions and joints of such points are within the bound, too
-_LARGEST_SIZE_RATIO = 100.0  # no object grows by so much from frame to frame, but millimetres among metres do
+_LARGEST_COORDINATE = GREATEST / 1000  # so that motions and joints of such points keep the bound, too
+_LARGEST_SIZE_RATIO = 100.0  # between frames; no object grows by so much, but mixed millimetres and metres do
 _LEAST_SIZE = 1e-100
-_LEAST_RELATIVE_SIZE = 1e-12  # below this a frame's extent is rounding noise of its coordinates
-_LEAST_WIDTH = 1e-6  # of a frame, in its lengths: a thinner one has no normals
+_LEAST_RELATIVE_SIZE = 1e-12  # smaller extents of a frame are rounding noise of its coordinates
+_LEAST_WIDTH = 1e-6  # of a frame, relative to its length; a thinner one has no normals
 _FIRST_FRAME_TOLERANCE = 1e-3
 
 
 def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) -> PointSequence:
-    """The frames without their points that are none, moved and scaled to the normalised frame.
+    """Drop invalid points, and move and scale the frames to the normalised frame.
 
-    The scale is the median over the frames of the diagonal of a frame's bounding box, the centre the median
-    of the boxes' centres, so that a stray point in a few frames changes neither. Dropped points are counted and
-    reported in one warning, and lost digits in another. Raises InputError, naming the frame, for too few points that
-    are kept, all points equal, coordinates that overflow, and sizes that only mixed units explain.
+    The scale is the median diagonal of the frames' bounding boxes. The centre is the median of the boxes' centres. So a
+    stray point in a few frames changes neither. One warning counts the dropped points, another one reports lost digits.
+
+    Raises InputError, naming the frame, for too few valid points, for points that are all equal, for coordinates that
+    overflow, and for sizes that only mixed units explain.
     """
     kept = [frame.points[kept_points(frame)] for frame in frames]
     for frame, points in zip(frames, kept, strict=True):
@@ -61,11 +62,11 @@ def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) 
 
 
 def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSequence) -> GroundTruth:
-    """The ground truth of `frames` in the normalised frame of the `sequence` made from them.
+    """Convert the ground truth of `frames` to the normalised frame of the `sequence` made from them.
 
-    Dropped points lose their labels. A transform becomes S^-1 T S, with S from normalised to input
-    coordinates; points on axes follow their points, and prismatic states are lengths. Raises InputError
-    where the truth does not fit the frames or does not start from frame 0.
+    Dropped points lose their labels. A transform becomes S^-1 T S, where S maps normalised to input coordinates.
+    Points on axes are converted as points, and prismatic states as lengths. Raises InputError if the truth does not fit
+    the frames or does not start from frame 0.
     """
     check_truth(truth, [len(frame.points) for frame in frames], "ground truth")
     labels = [of_frame[kept_points(frame)] for of_frame, frame in zip(truth.labels, frames, strict=True)]
@@ -91,7 +92,7 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
 def normalise_transforms(
     Ts: Float64[np.ndarray, "*batch 4 4"], sequence: PointSequence
 ) -> Float64[np.ndarray, "*batch 4 4"]:
-    """Transforms of input coordinates as transforms of normalised ones: S^-1 T S."""
+    """Convert transforms of input coordinates to transforms of normalised coordinates: S^-1 T S."""
     centre = np.asarray(sequence.centre)
     normalised = Ts.copy()
     normalised[..., :3, 3] = (Ts[..., :3, :3] @ centre + Ts[..., :3, 3] - centre) / sequence.scale
@@ -100,7 +101,7 @@ def normalise_transforms(
 
 def _normalise_joint(joint: TrueJoint, sequence: PointSequence) -> TrueJoint:
     x, y, z = ((np.asarray(joint.point) - sequence.centre) / sequence.scale).tolist()
-    unit = sequence.scale if joint.type == "prismatic" else 1.0
+    unit = sequence.scale if joint.kind.turns == "none" else 1.0
     return joint.model_copy(update={"point": (x, y, z), "states": tuple(state / unit for state in joint.states)})
 
 

@@ -1,4 +1,4 @@
-"""The order in which people and programs number their frames."""
+"""The order of frames by the numbers in their names."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 _NUMBER = re.compile(
-    r"(?:(?<![^\W_])(?<![-.)\]])[+-])?"  # a sign, where no word ends before it
-    r"(?:(?<![0-9.])[0-9]+\.([0-9]+)(?:[eE][+-][0-9]+(?![^\W_]))?(?!\.?[0-9])"  # a decimal; 1.2.3 is none
+    r"(?:(?<![^\W_])(?<![-.)\]])[+-])?"  # a sign, unless a word ends before it
+    r"(?:(?<![0-9.])[0-9]+\.([0-9]+)(?:[eE][+-][0-9]+(?![^\W_]))?(?!\.?[0-9])"  # a decimal, unlike 1.2.3
     r"|(?<![0-9.,])[0-9]+,([0-9]+)(?![.,]?[0-9])"  # with a decimal comma
     r"|(?<![^\W_])[0-9]+[eE][+-][0-9]+(?![^\W_])"  # 1e-05
     r"|[0-9]+)"
@@ -21,13 +21,13 @@ Key = list[str | int | Decimal]
 
 @dataclass(frozen=True)
 class Order:
-    """Names in order, and whether that is not plain from the names."""
+    """Names in order, and the reason to doubt that order, if there is one."""
 
     names: list[str]
     doubt: str = ""
 
     def message(self) -> str:
-        """The order and what is in doubt, in one line."""
+        """The order and its doubt, in one line."""
         shown = ", ".join(self.names[:_SHOWN])
         if len(self.names) > _SHOWN:
             shown += f", ..., {self.names[-1]}" if len(self.names) > _SHOWN + 1 else f", {self.names[-1]}"
@@ -35,9 +35,9 @@ class Order:
 
 
 def in_order(names: Sequence[str]) -> Order:
-    """Names by the numbers in them: frame_2 before frame_10, 0.9 before 1.05, -1 before 1, 1.2.9 before 1.2.10.
+    """Sort names by the numbers in them: frame_2 before frame_10, 0.9 before 1.05, -1 before 1, 1.2.9 before 1.2.10.
 
-    The numbers of all names are read in one way: as decimals, unless they end like versions (1.9, 1.10).
+    The numbers of all names are read in the same way: as decimals, unless they end like versions (1.9, 1.10).
     """
     found = [match for name in names for match in _NUMBER.finditer(name)]
     fractions = [match[1] or match[2] for match in found if match[1] or match[2]]
@@ -56,12 +56,12 @@ def in_order(names: Sequence[str]) -> Order:
 
 
 def natural_key(name: str) -> tuple[Key, str]:
-    """A sort key that puts frame_2 before frame_10, for whole numbers."""
+    """The sort key of natural order for whole numbers, which puts frame_2 before frame_10."""
     return _whole_key(name), name
 
 
 def _whole_key(name: str) -> Key:
-    pieces = _WHOLE.split(name)  # text and digits take turns, so that like meets like
+    pieces = _WHOLE.split(name)  # text and digits alternate, so that only like pieces are compared
     return [int(piece) if index % 2 else piece.casefold() for index, piece in enumerate(pieces)]
 
 
@@ -79,13 +79,13 @@ def _texts(name: str) -> list[str]:
 
 
 def _unevenly_padded(texts: list[str]) -> bool:
-    """Whether some numbers begin with zeros and others are shorter, as 05 and 2: the digits behind a mark may be."""
+    """Whether some numbers begin with zeros and others are shorter, as 05 and 2. They may be decimal places."""
     padded = [len(text) for text in texts if re.fullmatch("0[0-9]+", text)]
     return bool(padded) and min(map(len, texts)) < max(padded)
 
 
 def _doubt(keys: dict[str, Key]) -> str:
-    """Why the order of names is not plain; empty where it is."""
+    """A reason to doubt the order of names; empty if there is none."""
     if len(keys) < 2:
         return ""
     numbers = [tuple(key[1::2]) for key in keys.values()]

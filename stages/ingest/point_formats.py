@@ -1,4 +1,4 @@
-"""One file with points to an array of coordinates, whatever its format."""
+"""Reading of one file of points, in any format."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _READERS: dict[str, Callable[[Path, int], Points]] = {
     ".npz": read_one_cloud,
 }
 FRAME_SUFFIXES = tuple(_READERS)
-# such files also hold other things, so that they are frames only where they look so and no others are there
+# such files may hold other things, so they are frames only if they look like it and there are no others
 AMBIGUOUS_SUFFIXES = (".pts", ".asc", ".csv", ".tsv", ".txt", ".npz")
 
 
 def read_points(path: Path, most: int = sys.maxsize, organised: bool = False) -> Points:
-    """The coordinates that one file holds, NaN and infinity included.
+    """Read the coordinates in one file, including NaN and infinity.
 
-    Normals, colours, faces and other columns are ignored. `organised` takes a .npy of rows and columns.
-    Raises TooLargeError for more than `most` points, as far as possible before they are read, and InputError for a file
-    that is damaged, truncated or of another kind.
+    Normals, colours, faces and other columns are ignored. `organised` allows a .npy of rows and columns. Raises
+    TooLargeError for more than `most` points, if possible before they are read, and InputError for a file that is
+    damaged, truncated or of another kind.
     """
     suffix = path.suffix.lower()
     try:

@@ -1,4 +1,4 @@
-"""The frames of a sequence from the file or folder that holds them."""
+"""Reading of a sequence's frames from a file or folder."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ __all__ = ["Frame", "frame_files", "load_npz", "read_frames"]
 _log = logging.getLogger("rearticulate.ingest")
 
 _CERTAIN_SUFFIXES = tuple(suffix for suffix in FRAME_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
-_OF_POINTS = re.compile(  # of one cloud, as the name of a file of its own
+_OF_POINTS = re.compile(  # names of files with other values of a cloud's points
     r"(point_?|vertex_?)?(colou?rs?|rgba?|normals?|labels?|masks?|segm?s?|segmentations?|intensit(y|ies)|features?|ids?)",
     re.IGNORECASE,
 )
-_LOOKED_INTO = 50  # sub-folders, where a folder holds no frames
+_LOOKED_INTO = 50  # sub-folders to look into if a folder holds no frames
 _EXPECTED = (
     "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts or .npy frames, "
     "or one .npy or .npz of shape (frames, points, 3)"
@@ -42,19 +42,19 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class Frame:
-    """One point cloud as it was read: its file's name, and its points with NaN and infinity still in."""
+    """One point cloud as read: its file's name, and its points, including NaN and infinity."""
 
     name: str
     points: Points
 
 
 def read_frames(path: Path, every: int = 1, max_points: int = sys.maxsize) -> list[Frame]:
-    """Every `every`-th frame of one sequence, in the order of the numbers in their names, in the input's units.
+    """Read every `every`-th frame of one sequence, in the order of the numbers in their names, in the input's units.
 
-    `path` is a folder with one file a frame (.ply, .pcd, a table of text, .npy, or the original RoboArt's
-    state_K.pkl), or one .npy or .npz with all. Raises InputError for a path that holds nothing of the kind, for a
-    damaged file, for fewer than two frames, and for more points than `max_points`, before they are read where the
-    file declares them.
+    `path` is a folder with one file per frame (.ply, .pcd, a table of text, .npy, or the original RoboArt's
+    state_K.pkl), or one .npy or .npz with all frames. Raises InputError for a path that holds nothing of the kind, for
+    a damaged file, for fewer than two frames, and for more points than `max_points`. If a file declares its number of
+    points, that is checked before they are read.
     """
     if is_folder(path):
         return _read_folder(path, every, max_points)
@@ -64,9 +64,9 @@ def read_frames(path: Path, every: int = 1, max_points: int = sys.maxsize) -> li
 
 
 def frame_files(folder: Path) -> list[Path]:
-    """Those files of a folder that hold one frame each, in order.
+    """The files of a folder that hold one frame each, in order.
 
-    Files that may hold something else (.txt, .csv, .npz, ...) are frames where no others are and they look like it.
+    Files that may hold something else (.txt, .csv, .npz, ...) are frames if they look like it and there are no others.
     """
     files = input_files(folder)
     certain = [file for file in files if is_state(file) or file.suffix.lower() in _CERTAIN_SUFFIXES]
@@ -76,14 +76,14 @@ def frame_files(folder: Path) -> list[Path]:
 
 
 def clouds(files: list[Path]) -> list[Path]:
-    """The files without those that by their names hold the colours or the like of another one."""
+    """The files, except those whose names say that they hold the colours or the like of another file."""
     return [file for file in files if not _OF_POINTS.fullmatch(file.stem)] or files
 
 
 def axes(path: Path) -> int:
-    """2 for a file that holds one frame, 3 for one that may hold a whole sequence, by its kind or its header alone.
+    """The number of axes: 2 for a file of one frame, 3 for one that may hold a whole sequence, by kind or header.
 
-    0 for a .npy whose header cannot be read: its neighbours tell what it is.
+    It is 0 for a .npy with an unreadable header. The other files of the folder then decide.
     """
     match path.suffix.lower():
         case ".npz":
@@ -98,7 +98,7 @@ def axes(path: Path) -> int:
 
 
 def check_every(count: int, step: int) -> None:
-    """Raise InputError for too few frames, and where every `step`-th of them is only one."""
+    """Raise InputError if every `step`-th of `count` frames leaves only one."""
     if count >= 2 and step >= count:
         raise InputError(
             f"ingest.every: found {step}, which leaves one frame of {count}, expected two; give at most {count - 1}"
@@ -113,7 +113,7 @@ def _looks_like_frame(file: Path) -> bool:
         file.open("rb").close()
         return holds_one_cloud(file) if suffix == ".npz" else looks_like_table(file)
     except OSError:
-        return True  # reading it as a frame tells what is wrong
+        return True  # reading it as a frame reports the error
 
 
 def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
@@ -142,14 +142,14 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
 
 
 def _are_organised(files: list[Path]) -> bool:
-    """Whether numbered .npy files of one shape hold the rows and columns of a frame each."""
+    """Whether numbered .npy files of one shape each hold the rows and columns of one frame."""
     if in_order([file.name for file in files]).doubt or any(axes(file) != 3 for file in files):
         return False
     return len({npy_header(file)[0] for file in files}) == 1
 
 
 def _report(folder: Path, files: list[Path], organised: bool) -> None:
-    """Warn of what is not plain in the frames of a folder."""
+    """Warn of doubts about the frames of a folder."""
     order = in_order([file.name for file in files])
     if order.doubt:
         _log.warning("%s: %s", folder, order.message())
@@ -173,7 +173,7 @@ def _first(names: list[str]) -> str:
 
 
 def _without_frames(folder: Path) -> str:
-    """What is wrong with a folder without frames."""
+    """Explain why a folder has no frames."""
     others = [file.name for file in input_files(folder)]
     if folders := frame_folders(folder):
         return folders
@@ -195,7 +195,7 @@ def _without_frames(folder: Path) -> str:
 
 
 def _why_no_frame(file: Path) -> str:
-    """What is wrong with a file that may have been meant as a frame."""
+    """Explain why a file that may be meant as a frame is none."""
     try:
         read_points(file)
     except InputError as error:
@@ -204,7 +204,7 @@ def _why_no_frame(file: Path) -> str:
 
 
 def frame_folders(folder: Path) -> str:
-    """What is wrong with a folder whose sub-folders hold one frame each; empty for any other."""
+    """Explain the problem of a folder whose sub-folders hold one frame each; empty for any other."""
     nested = [clouds(files) for _, files in _frames_below(folder) if files and axes(files[0]) == 2]
     if len(nested) < 2 or any(len(files) > 1 for files in nested):
         return ""
@@ -217,7 +217,7 @@ def frame_folders(folder: Path) -> str:
 
 
 def _frames_below(folder: Path) -> list[tuple[Path, list[Path]]]:
-    """The first sub-folders that can be listed, and the frames in each."""
+    """The first sub-folders that can be listed, with the frames in each."""
     found = []
     for below in visible_folders(folder)[:_LOOKED_INTO]:
         with suppress(InputError):

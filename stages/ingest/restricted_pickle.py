@@ -1,11 +1,10 @@
-"""Arrays out of a pickle that nobody trusts, without unpickling it.
+"""Arrays from an untrusted pickle, without unpickling it.
 
-A pickle is a program for a small stack machine. Python's own machine can be told which names it may look
-up, but even then a hostile file can hang it (hashing nested tuples), exhaust memory (one large memo index)
-or feed odd states to the objects that it builds. So the program is only *read* here, with the standard
-library's disassembler, and the few operations that plain data and numpy arrays are written with are done
-by the functions below, each of which checks what it is given. Nothing is imported and no foreign callable
-is ever called.
+A pickle is a program for a small stack machine. Python's own machine can be restricted to certain names. But even then
+a hostile file can hang it (by hashing nested tuples), exhaust memory (by one large memo index) or pass odd states to
+the objects that it builds. So this module only *reads* the program, with the standard library's disassembler. The
+functions below execute the few operations that plain data and numpy arrays need, and each checks its arguments. Nothing
+is imported, and no foreign callable is ever called.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ _RESULT_TYPES = (*_KEY_TYPES, np.ndarray)
 
 
 class _RefusedError(Exception):
-    """The pickle does something that plain data and arrays do not need."""
+    """The pickle contains an operation that plain data and arrays do not need."""
 
 
 def load_arrays(path: Path) -> Any:
-    """What a pickle of plain data and numpy arrays holds.
+    """Load a pickle of plain data and numpy arrays.
 
-    The result is made of dict, list, tuple, str, int, float, bool, None, bytes and arrays of booleans,
-    integers or floats; numpy scalars come out as Python numbers. Raises InputError, naming the file and
-    what it asked for, for everything else, for a broken file and for one that cannot be read.
+    The result consists of dict, list, tuple, str, int, float, bool, None, bytes and arrays of booleans, integers or
+    floats. numpy scalars become Python numbers. Raises InputError, naming the file and the refused operation, for
+    everything else. Also raises InputError for a damaged file and for one that cannot be read.
     """
     try:
         data = path.read_bytes()
@@ -49,7 +48,7 @@ def load_arrays(path: Path) -> Any:
         raise InputError(f"{path}: refused, not run, since the pickle {one_line(refusal)}; {_ADVICE}") from None
     except MemoryError as error:
         raise out_of_memory(path) from error
-    except Exception as error:  # whatever a broken or hostile file provokes is the file's fault
+    except Exception as error:  # any exception is due to a damaged or hostile file
         raise InputError(f"{path}: cannot be read as a pickle ({one_line(error)}); {_ADVICE}") from error
 
 
@@ -70,7 +69,7 @@ def _run(data: bytes) -> Any:
 
 
 def _check_result(result: Any) -> None:
-    """Refuse a result that holds one of the machine's own tools, such as a dtype."""
+    """Refuse a result with one of the machine's internal objects, such as a dtype."""
     seen: set[int] = set()
     front = [result]
     while front:
@@ -87,16 +86,16 @@ def _check_result(result: Any) -> None:
 
 
 class _Machine:
-    """The stack and the memo of a pickle, and what its operations do to them."""
+    """The stack and the memo of a pickle, and the operations on them."""
 
     def __init__(self, budget: int) -> None:
         self.stack: list[Any] = []
         self.marks: list[int] = []
         self.memo: dict[int, Any] = {}
-        self.budget = budget  # bytes that arrays may take: without it one text could become many arrays
+        self.budget = budget  # bytes for arrays; without a bound one text could become many arrays
 
     def take(self, count: int) -> list[Any]:
-        """The topmost `count` values, taken off the stack."""
+        """Pop the topmost `count` values."""
         if len(self.stack) < count:
             raise ValueError("the stack is empty")
         start = len(self.stack) - count
@@ -105,7 +104,7 @@ class _Machine:
         return values
 
     def take_marked(self) -> list[Any]:
-        """The values above the last mark, taken off the stack."""
+        """Pop the values above the last mark."""
         if not self.marks:
             raise ValueError("there is no mark")
         return self.take(max(len(self.stack) - self.marks.pop(), 0))
@@ -136,7 +135,7 @@ class _Machine:
         self.extend_dict(values)
 
     def push_global(self, module: Any, name: Any) -> None:
-        # only texts may be hashed or shown: with nested tuples either could take for ever
+        # only texts may be hashed or shown, since either could take for ever for nested tuples
         if type(module) is not str or type(name) is not str:
             raise _RefusedError(f"asks for a global by a {type(module).__name__} and a {type(name).__name__}")
         if (module, name) not in _GLOBALS:
@@ -168,11 +167,11 @@ class _Machine:
             raise _RefusedError("makes far more data than the file holds")
 
 
-# What stands in for the functions that numpy's pickles call.
+# Replacements for the functions that numpy's pickles call.
 
 
 def _array_to_fill(subtype: Any, shape: Any, typecode: Any) -> np.ndarray:
-    """numpy's `_reconstruct`: an array that gets its shape, dtype and data in `_fill_array`."""
+    """Replace numpy's `_reconstruct`: make an array whose shape, dtype and data `_fill_array` sets."""
     if subtype is not _ARRAY_TYPE or shape != (0,) or typecode not in (b"b", "b"):
         raise _RefusedError("builds an array in an unknown way")
     return np.empty(0)
@@ -186,7 +185,7 @@ def _fill_array(array: np.ndarray, state: Any) -> None:
 
 
 def _array_from_buffer(buffer: Any, dtype: Any, shape: Any, order: Any) -> np.ndarray:
-    """numpy's `_frombuffer` (pickle protocol 5)."""
+    """Replace numpy's `_frombuffer` (pickle protocol 5)."""
     data = _as_bytes(buffer)
     _check_size(data, dtype, shape)
     if order not in ("C", "F"):
@@ -195,14 +194,14 @@ def _array_from_buffer(buffer: Any, dtype: Any, shape: Any, order: Any) -> np.nd
 
 
 def _scalar(dtype: Any, data: Any) -> bool | int | float:
-    """numpy's `scalar`, as a Python number."""
+    """Replace numpy's `scalar`. Returns a Python number."""
     data = _as_bytes(data)
     _check_size(data, dtype, ())
     return np.frombuffer(data, dtype)[0].item()
 
 
 def _dtype(code: Any, *_flags: Any) -> np.dtype[Any]:
-    """numpy's `dtype`, for booleans, integers and floats only; a copy, since `_set_byte_order` changes it."""
+    """Replace numpy's `dtype`, for booleans, integers and floats. `_set_byte_order` may change the returned copy."""
     if type(code) is not str or not re.fullmatch(r"b1|[iu][1248]|f[248]", code):
         raise _RefusedError(f"asks for an array of dtype {_shown(code)}")
     return np.dtype(code, copy=True)
@@ -216,19 +215,19 @@ def _set_byte_order(dtype: np.dtype[Any], state: Any) -> None:
 
 
 def _latin1(text: Any, encoding: Any) -> bytes:
-    """`_codecs.encode`, in the one form in which older protocols write bytes."""
+    """Replace `_codecs.encode`, in the one form in which older protocols write bytes."""
     if encoding != "latin1":
         raise _RefusedError(f"calls _codecs.encode with {_shown(encoding)}")
     return _as_bytes(text)
 
 
 def _empty_bytes() -> bytes:
-    """`bytes()`, as which older protocols write bytes of length zero."""
+    """Replace `bytes()`, which older protocols use for empty bytes."""
     return b""
 
 
 def _shown(value: Any) -> str:
-    """A value for a message. Only texts are shown: what is nested and shared could be shown for ever."""
+    """Format a value for a message. Only texts are shown, since nested and shared values could be endless."""
     return repr(value) if type(value) is str else f"an object of type {type(value).__name__}"
 
 
@@ -249,7 +248,7 @@ def _check_size(data: bytes, dtype: Any, shape: Any) -> None:
         raise _RefusedError(f"gives {len(data)} bytes for an array of {shape} {dtype} values")
 
 
-_ARRAY_TYPE = object()  # stands for numpy.ndarray, which is only ever handed to `_reconstruct`
+_ARRAY_TYPE = object()  # represents numpy.ndarray, which is only an argument of `_reconstruct`
 
 _GLOBALS: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): _ARRAY_TYPE,

@@ -1,6 +1,6 @@
-"""The original RoboArt's own files: state_K.pkl, pose_K.pkl and novel_pose_J.pkl of one sequence.
+"""The files of the original RoboArt: state_K.pkl, pose_K.pkl and novel_pose_J.pkl of one sequence.
 
-graph.gpickle and part_mapping.pkl, which lie beside them, hold objects of other libraries and are not read.
+graph.gpickle and part_mapping.pkl beside them hold objects of other libraries and are not read.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ _ANY = re.compile(r"(state|pose|novel_pose)_[0-9]+\.pkl")
 
 
 def is_state(path: Path) -> bool:
-    """Whether a file is a frame of the original RoboArt by its name."""
+    """Whether a file's name is that of a frame of the original RoboArt."""
     return _STATE.fullmatch(path.name) is not None
 
 
 def pickles(folder: Path) -> list[Path]:
-    """All files of a folder that belong to a sequence of the original RoboArt."""
+    """The files of a folder that belong to a sequence of the original RoboArt."""
     return [file for file in visible_files(folder) if _ANY.fullmatch(file.name)]
 
 
 def has_transforms(folder: Path) -> bool:
-    """Whether the true transforms lie beside the states."""
+    """Whether a folder holds the true transforms."""
     return any(not is_state(file) for file in pickles(folder))
 
 
 def read_state_points(path: Path) -> Float64[np.ndarray, "points 3"]:
-    """The points of one state_K.pkl. Raises InputError for any other content."""
+    """Read the points of one state_K.pkl. Raises InputError for any other content."""
     try:
         return as_points(_state_entry(path, "pc"))
     except ValueError as error:
@@ -55,10 +55,10 @@ def read_transforms(
     Float64[np.ndarray, "states parts 4 4"],
     Int64[np.ndarray, "parts"],
 ]:
-    """Labels of each frame, Ts_frame_first, Ts_novel_first, and the original's part ids that the labels count.
+    """Read the labels of each frame, Ts_frame_first, Ts_novel_first, and the original part id of each label.
 
-    pose_K.pkl maps part ids to the transforms from the first frame to frame K; the first frame's own may be
-    missing. Raises InputError for a damaged or missing file and for a part without a transform.
+    pose_K.pkl maps part ids to the transforms from the first frame to frame K. That of the first frame may be missing.
+    Raises InputError for a damaged or missing file and for a part without a transform.
     """
     states = [file for file in visible_files(folder) if is_state(file)]
     part_ids = [_read_part_ids(file) for file in states]

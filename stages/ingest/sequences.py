@@ -1,4 +1,4 @@
-"""Which files and folders of a data set are sequences, by their names and headers."""
+"""Detection of sequences among the files and folders of a data set, by names and headers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ FRAMES_NAME = "frames"
 
 
 def is_sequence(path: Path, certainly: bool = False) -> bool:
-    """Whether a path is one sequence, or may be one; `certainly` leaves out what may be something else.
+    """Whether a path may be one sequence, or with `certainly` whether it certainly is one.
 
-    Raises InputError, as all here, where the system does not tell.
+    Raises InputError, as all functions here, if the system does not allow the check.
     """
     if is_folder(path):
         return holds_frames(path, certainly) or holds_frames(path / FRAMES_NAME) or _is_unfetched(path, certainly)
@@ -26,7 +26,7 @@ def is_sequence(path: Path, certainly: bool = False) -> bool:
 
 
 def holds_frames(folder: Path, certainly: bool = False) -> bool:
-    """Whether a folder holds frames; one table alone may be anything, and `certainly` not even several are frames."""
+    """Whether a folder holds frames. A single table may be anything; with `certainly`, several tables do not count."""
     files = frame_files(folder) if is_folder(folder) else []
     if files and files[0].suffix.lower() in AMBIGUOUS_SUFFIXES:
         return len(files) > 1 and not certainly
@@ -37,12 +37,12 @@ def holds_frames(folder: Path, certainly: bool = False) -> bool:
 
 
 def _is_unfetched(folder: Path, certainly: bool) -> bool:
-    """Whether a folder without other files holds links to frames that are not there."""
+    """Whether a folder holds nothing but links to missing frames."""
     return not certainly and not input_files(folder) and bool(left_out(folder, FRAME_SUFFIXES, hidden=False))
 
 
 def holds_many(path: Path) -> bool:
-    """Whether a sequence's path holds more than one frame, as far as that can be listed."""
+    """Whether a sequence's path holds more than one frame, if that can be listed."""
     try:
         return not is_folder(path) or len(clouds(frame_files(path))) > 1
     except InputError:

@@ -1,11 +1,10 @@
-"""Where sequences come from: files of the user's, or the RoboArt builder, which takes any description."""
+"""The sources of sequences: the user's files, robot descriptions, people, and registrations."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
 import os
-import re
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
@@ -18,10 +17,11 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
-from stages.ingest.listing import is_file, is_folder, visible_entries
+from stages.ingest.listing import is_file, is_folder, safe_name, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
 from stages.ingest.readers import Frame, check_every, frame_files, frame_folders, read_frames
+from stages.ingest.registered import registered_sources
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.sequences import FRAMES_NAME, TRUTH_NAME, holds_frames, holds_many, is_sequence
 from stages.ingest.truth import read_truth, truth_files
@@ -41,18 +41,18 @@ class Source(Protocol):
 
     @property
     def name(self) -> str:
-        """The sequence's name, which is safe as a part of a path."""
+        """The sequence's name, which is safe in a path."""
 
     def digest(self) -> str:
-        """A SHA-256 (hex) of everything that `load` reads. Cheap, without torch or Open3D."""
+        """SHA-256 (hex) of everything that `load` reads. It is cheap, and imports neither torch nor Open3D."""
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The sequence in the normalised frame. Raises InputError where it cannot be used."""
+        """Load the sequence in the normalised frame. Raises InputError if it cannot be used."""
 
 
 @dataclass(frozen=True)
 class FileSource:
-    """A folder of frames or one array, and the ground truth's file or folder where there is one."""
+    """A folder of frames or one array, and the file or folder of the ground truth if there is one."""
 
     name: str
     frames_path: Path
@@ -61,7 +61,7 @@ class FileSource:
     def digest(self) -> str:
         """SHA-256 (hex) of the contents and names of the frames and of the ground truth.
 
-        What is missing or wrong is left to `load` to report. Raises InputError for an unreadable file.
+        `load` reports missing and invalid content. Raises InputError for an unreadable file.
         """
         frames = frame_files(self.frames_path) if is_folder(self.frames_path) else [self.frames_path]
         truth = truth_files(self.truth_path) if self.truth_path else []
@@ -72,12 +72,16 @@ class FileSource:
         return total.hexdigest()
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """The frames as a normalised sequence, with the ground truth that lies beside them."""
+        """Load the frames as a normalised sequence, with the ground truth beside them or in their correspondence."""
+        if config.correspond:
+            from stages.ingest.corresponding import read_corresponding
+
+            return read_corresponding(self.frames_path, self.truth_path, config, rng)
         if self.truth_path is None:
             frames = read_frames(self.frames_path, config.every, config.max_points)
             _hint_at_every(len(frames))
             return IngestedSequence(sequence=normalise(frames, config, config.units))
-        frames = read_frames(self.frames_path, 1, config.max_points)  # all, since the truth is of all
+        frames = read_frames(self.frames_path, 1, config.max_points)  # all frames, since the truth is for all
         kept = _every(frames, config.every)
         _hint_at_every(len(kept))
         sequence = normalise(kept, config, config.units)
@@ -87,7 +91,7 @@ class FileSource:
 
 @dataclass(frozen=True)
 class DescribedSource(ABC):
-    """A sequence that the RoboArt builder makes from a description; `variant` counts the sequences of one thing."""
+    """A sequence that the RoboArt builder makes from a description. `variant` numbers the sequences of one object."""
 
     name: str
     thing: str
@@ -95,13 +99,13 @@ class DescribedSource(ABC):
 
     @abstractmethod
     def description(self) -> Description:
-        """Where the description lies. Raises InputError as `digest`."""
+        """Find the description. Raises InputError as `digest` does."""
 
     def digest(self) -> str:
         """SHA-256 (hex) of the description and the sequence's variant.
 
-        Raises UnavailableError, which tells how to get it, for a description that this machine lacks, and InputError
-        for one that is not XML or lacks a mesh.
+        Raises UnavailableError for a description that this machine lacks, with a message that says how to get it.
+        Raises InputError for one that is not XML or lacks a mesh.
         """
         from stages.ingest.roboart import description_digest
 
@@ -111,7 +115,8 @@ class DescribedSource(ABC):
         """The sampled frames as a normalised sequence, in metres, with full ground truth."""
         from stages.ingest.roboart import build_from_urdf
 
-        # all things of one build would move alike from one stream; a variant stays, however many there are
+        # each object and variant has its own stream, so that objects move differently and variants do not depend on
+        # their number
         own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.thing.encode()), self.variant])
         found = self.description()
         points, truth = build_from_urdf(found.urdf_path, found.mesh_dirs, config.roboart, own_rng)
@@ -123,7 +128,7 @@ class DescribedSource(ABC):
 
 @dataclass(frozen=True)
 class RoboartSource(DescribedSource):
-    """A sequence of one of RoboArt's robots; `assets` is a folder of descriptions that is searched first."""
+    """A sequence of one of RoboArt's robots. `assets` is a folder of descriptions, which is searched first."""
 
     assets: Path | None = None
 
@@ -135,7 +140,7 @@ class RoboartSource(DescribedSource):
 
 @dataclass(frozen=True)
 class UrdfSource(DescribedSource):
-    """A sequence of a thing of the user's own, moved and sampled as RoboArt's robots are."""
+    """A sequence of the user's own object, moved and sampled as RoboArt's robots are."""
 
     own: Description
 
@@ -143,14 +148,44 @@ class UrdfSource(DescribedSource):
         return self.own
 
 
+@dataclass(frozen=True)
+class HumanSource:
+    """A sequence of a moving person, which the name alone determines."""
+
+    name: str
+
+    def digest(self) -> str:
+        """SHA-256 (hex) of the name and of the body model's version. Raises InputError if it is not installed."""
+        from stages.ingest.humans.assets import model_version
+        from stages.ingest.humans.catalogue import EDITION
+
+        return hashlib.sha256(f"humans {EDITION} {model_version()} {self.name}".encode()).hexdigest()
+
+    def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
+        """The sampled frames as a normalised sequence, in metres, with full ground truth."""
+        from stages.ingest.humans import build_human
+        from stages.ingest.tracks import normalise_surface
+
+        own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.name.encode())])
+        points, truth, surface = build_human(self.name, config.humans, own_rng)
+        frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
+        kept, step = _every(frames, config.every), config.every
+        sequence = normalise(kept, config, "metre")
+        return IngestedSequence(
+            sequence=sequence,
+            truth=normalise_truth(truth.every(step), kept, sequence),
+            surface=normalise_surface(surface.every(step), kept, sequence),
+        )
+
+
 def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
-    """Every `step`-th frame, from the first on. Raises InputError where that leaves only one of several."""
+    """Every `step`-th frame, from the first on. Raises InputError if that leaves only one of several."""
     check_every(len(frames), step)
     return frames[::step]
 
 
 def _hint_at_every(count: int) -> None:
-    """Say, where there are many frames, that not all of them are needed."""
+    """Suggest to use fewer frames if there are many."""
     if count > _MANY_FRAMES:
         _log.warning(
             "%d frames take about %d minutes or more; a few dozen do as well: --set ingest.every=%d takes every %d-th",
@@ -162,17 +197,26 @@ def _hint_at_every(count: int) -> None:
 
 
 def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
-    """The sequences of a configuration, by name in natural order.
+    """The sequences of a configuration, in natural order of their names.
 
-    Source "roboart" gives every robot of the data set, whether this machine has its description or not, and
-    takes `data`, or else the environment's REART_ASSETS, as a folder of descriptions NAME/NAME.urdf that is
-    searched first. Source "urdf" gives everything that `own_descriptions` finds in `data`. Source "files" gives `data`
-    itself where it is one sequence, else its sub-folders and .npy or .npz files that are. Raises InputError where
-    there are none.
+    - "roboart": every robot of the data set, even if this machine lacks its description. `data`, or else the
+      environment's REART_ASSETS, is a folder of descriptions NAME/NAME.urdf, which is searched first.
+    - "humans": the people of that data set.
+    - "dfaust": the sequences in the HDF5 files of `data`.
+    - "urdf": all descriptions that `own_descriptions` finds in `data`.
+    - "files": `data` itself if it is one sequence, else its sub-folders and .npy or .npz files that are sequences.
+
+    Raises InputError if there are none.
     """
+    if config.source == "humans":
+        from stages.ingest.humans.assets import model_version
+        from stages.ingest.humans.catalogue import human_names
+
+        model_version()  # if it is missing, fail once rather than for every sequence
+        return [HumanSource(name) for name in human_names()]
     if config.source == "roboart":
         return _roboart_sources(config.roboart.sequences_per_robot, data)
-    expected = "sequences" if config.source == "files" else "URDF files"
+    expected = {"urdf": "URDF files", "dfaust": "registrations (.hdf5)"}.get(config.source, "sequences")
     if data is None:
         raise InputError(
             f"ingest.source: found {config.source!r} without a folder of {expected}, expected one; "
@@ -180,6 +224,8 @@ def list_sources(config: IngestConfig, data: Path | None) -> list[Source]:
         )
     if not is_file(data) and not is_folder(data):
         raise InputError(f"{data}: found neither a file nor a folder there, expected {expected}; check the path")
+    if config.source == "dfaust":
+        return list(registered_sources(data))
     if config.source == "urdf":
         return _urdf_sources(config.roboart.sequences_per_robot, data)
     if is_file(data) or is_sequence(data, certainly=True):
@@ -225,27 +271,27 @@ def _urdf_sources(per_thing: int, data: Path) -> list[Source]:
 
     found: dict[str, Description] = {}
     for name, description in own_descriptions(data):
-        if (other := found.setdefault(_safe_name(name), description)) is not description:
-            raise _same_name(description.urdf_path, other.urdf_path, _safe_name(name))
+        if (other := found.setdefault(safe_name(name), description)) is not description:
+            raise _same_name(description.urdf_path, other.urdf_path, safe_name(name))
     return [UrdfSource(name, thing, variant, found[thing]) for name, thing, variant in _variants(found, per_thing)]
 
 
 def _variants(things: Iterable[str], per_thing: int) -> list[tuple[str, str, int]]:
-    """The name, the thing and the variant of every sequence."""
+    """Yield the name, the object and the variant of every sequence."""
     if per_thing == 1:
         return [(thing, thing, 0) for thing in things]
     return [(f"{thing}-{variant}", thing, variant) for thing in things for variant in range(per_thing)]
 
 
 def file_source(path: Path) -> FileSource:
-    """The sequence at `path`, whatever it holds: one array, a folder of frames, or a folder with `frames`.
+    """The sequence at `path`, which is one array, a folder of frames, or a folder that holds a folder `frames`.
 
-    The ground truth is ground_truth.npz beside the frames or beside the folder `frames`, or the original
-    RoboArt's pickles. Nothing is read; a path without frames is reported when it is.
+    The ground truth is ground_truth.npz beside the frames or beside the folder `frames`, or the original RoboArt's
+    pickles. Nothing is read yet. Loading reports a path without frames.
     """
     folder = path.resolve()
     if not is_folder(folder):
-        return FileSource(_safe_name(folder.stem), path)
+        return FileSource(safe_name(folder.stem), path)
     frames, sequence = path, folder
     if folder.name == FRAMES_NAME:
         sequence = folder.parent
@@ -254,22 +300,17 @@ def file_source(path: Path) -> FileSource:
     truth = next((file for file in (frames / TRUTH_NAME, sequence / TRUTH_NAME) if is_file(file)), None)
     if truth is None and has_transforms(frames):
         truth = frames
-    return FileSource(_safe_name(sequence.name), frames, truth)
+    return FileSource(safe_name(sequence.name), frames, truth)
 
 
 def _source_at(entry: Path) -> FileSource | None:
-    """The sequence at an entry of a data set; one that fails when it is loaded where the system tells us nothing."""
+    """The sequence at an entry of a data set. If the system does not allow a check, loading the sequence fails."""
     try:
         if not is_sequence(entry):
             return None
-        return file_source(entry) if entry.exists() else FileSource(_safe_name(entry.stem), entry)
+        return file_source(entry) if entry.exists() else FileSource(safe_name(entry.stem), entry)
     except InputError:
-        return FileSource(_safe_name(entry.name), entry)
-
-
-def _safe_name(name: str) -> str:
-    """A name of letters, digits, dots, dashes and underscores, for folders and command lines."""
-    return re.sub(r"[^\w.-]+", "_", name).strip("._-") or "sequence"
+        return FileSource(safe_name(entry.name), entry)
 
 
 def _file_digest(path: Path) -> bytes:

@@ -1,4 +1,4 @@
-"""Ground truth as a source tells it, in the input's units: what normalisation turns into a `GroundTruth`."""
+"""Ground truth as the source gives it, in the input's units. Normalisation converts it to a `GroundTruth`."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from stages.ingest.listing import is_file, is_folder
 from stages.ingest.messages import unreadable
 from stages.ingest.roboart_pickles import pickles, read_transforms
 
-_RIGID_TOLERANCE = 1e-3  # files in single precision pass, a scaled or sheared transform does not
-_OTHER_NUMBERS = 100_000_000  # in the transforms of a file
+_RIGID_TOLERANCE = 1e-3  # accepts single precision, and refuses scaled or sheared transforms
+_OTHER_NUMBERS = 100_000_000  # most numbers in the transforms of a file
 
 
 @dataclass(frozen=True)
 class RawTruth:
     """True parts, motions and tree of a sequence, in input coordinates and units.
 
-    `labels[t]` belongs to the points of frame t as they were read. `parent[p]` is -1 for the root, and
-    -1 for every part where the tree is unknown. Axes, points and states of `joints` are in input units.
+    `labels[t]` belongs to the points of frame t as read. `parent[p]` is -1 for the root, and -1 for every part if the
+    tree is unknown. Axes, points and states of `joints` are in input units.
     """
 
     labels: list[Int64[np.ndarray, "points"]]
@@ -39,28 +39,32 @@ class RawTruth:
     joints: tuple[TrueJoint, ...] = ()
 
     def every(self, step: int) -> RawTruth:
-        """That of every `step`-th frame, from the first on."""
+        """The truth of every `step`-th frame, from the first on."""
         joints = tuple(joint.model_copy(update={"states": joint.states[::step]}) for joint in self.joints)
         return replace(self, labels=self.labels[::step], Ts_frame_first=self.Ts_frame_first[::step], joints=joints)
 
 
 def truth_files(path: Path) -> list[Path]:
-    """The files that `read_truth` reads for `path`, for a digest."""
+    """The files that `read_truth` reads for `path`. They are needed for a digest."""
     if is_folder(path):
         return pickles(path)
     return [file for file in (path, path.with_suffix(".json")) if is_file(file)]
 
 
 def read_truth(path: Path, point_counts: Sequence[int]) -> RawTruth:
-    """The ground truth of a sequence whose frames hold `point_counts` points as they were read.
+    """Read the ground truth of a sequence whose frames hold `point_counts` points as read.
 
-    `path` is a ground_truth.npz or a folder of the original RoboArt's pickles. The .npz holds `labels`
-    (frames, points), or (all points,) frame after frame; `poses` (frames, parts, 4, 4) from frame 0 to frame
-    t; and optionally `novel_poses` (states, parts, 4, 4). A .json of the same name may add `root`,
-    `edges_child_parent` [[child, parent], ...], `links` {part: [names]} and `joints`, whose entries are
-    `TrueJoint` in input units. In a folder of pickles state_K.pkl holds the labels, pose_K.pkl and
-    novel_pose_J.pkl the transforms from the first frame by part; they tell no tree. Raises InputError for
-    files that are damaged or do not fit each other.
+    `path` is a ground_truth.npz or a folder of the original RoboArt's pickles.
+
+    The .npz holds `labels` (frames, points), or (all points,) frame after frame; `poses` (frames, parts, 4, 4) from
+    frame 0 to frame t; and optionally `novel_poses` (states, parts, 4, 4). A .json of the same name may add `root`,
+    `edges_child_parent` [[child, parent], ...], `links` {part: [names]} and `joints`, whose entries are `TrueJoint` in
+    input units.
+
+    In a folder of pickles, state_K.pkl holds the labels, and pose_K.pkl and novel_pose_J.pkl hold the transforms from
+    the first frame by part. They do not define a tree.
+
+    Raises InputError for files that are damaged or do not fit each other.
     """
     truth = _read_pickles(path) if is_folder(path) else _read_npz(path, point_counts)
     check_truth(truth, point_counts, str(path))
@@ -94,7 +98,7 @@ def _check_transforms(Ts: Any, leading: tuple[int, int], where: str) -> None:
         raise InputError(f"{where}: found shape {Ts.shape}, expected {(*leading, 4, 4)}; give one for every part")
     R = Ts[..., :3, :3]
     rigid = (
-        (np.abs(Ts) < GREATEST).all()  # NaN fails too
+        (np.abs(Ts) < GREATEST).all()  # False for NaN, too
         and (np.abs(R) < 2).all()  # so that the products below cannot overflow
         and (np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)) < _RIGID_TOLERANCE).all()
         and (np.linalg.det(R) > 0).all()
@@ -129,7 +133,7 @@ def _check_joint(joint: TrueJoint, frames: int, parts: int, where: str) -> None:
         raise InputError(f"{where}: expected finite numbers and an axis of unit length; correct it")
 
 
-_Part = Annotated[int, Field(ge=-(2**31), lt=2**31)]  # `check_truth` asks which there are
+_Part = Annotated[int, Field(ge=-(2**31), lt=2**31)]  # `check_truth` checks that the part exists
 
 
 class _TreeFile(BaseModel):
@@ -198,7 +202,7 @@ def _parents(tree: _TreeFile | None, parts: int, where: str) -> Int64[np.ndarray
             f"expected each of the {parts} parts of the transforms once; correct edges_child_parent"
         )
     for child, above in tree.edges_child_parent:
-        parent[child] = above  # whether that is a tree, `check_truth` asks
+        parent[child] = above  # `check_truth` checks that this is a tree
     return parent
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.artifact import GREATEST
-from schemas.errors import LONGEST_NAME, InputError, quoted, shortened
-from schemas.model_file import ModelJoint, Result
+from schemas.errors import LONGEST_FIELD, LONGEST_NAME, InputError, quoted, shortened
+from schemas.model_file import ModelJoint, Result, are
 from schemas.pose import Pose, State, TargetFit, Transform
+from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.normalisation import Normalisation
@@ -20,7 +21,7 @@ from stages.rearticulation.solver import rearticulate
 
 FARTHEST = 0.05  # of a source point from the canonical points, as a share of the diagonal
 OUT_OF_REACH = 100.0  # of a target from its source point, in diagonals: it is in other units, or of another place
-UNTOLD = 0.05  # share of a coordinate's change that targets do not tell, from which on its joint is undetermined
+UNDETERMINED = 0.05  # share of a coordinate's change that targets leave open, from which on its joint is undetermined
 MOST_LISTED = 12  # joints in a message
 ROUNDING = 1e-9  # by which a state may be beyond a limit
 
@@ -51,12 +52,12 @@ def pose_by_states(
             raise InputError(f"found the joint {quoted(name)}, expected one of {_listed(list(joints))}; rename it")
         _check_state(joints[name], state, limits)
     space = Normalisation.of(result.canonical_points)
-    mechanism = _mechanism(result, space, limits=False, free_base=False)
-    coordinates = np.zeros(mechanism.observed.shape[1])
+    tree = _chain(result, space, free_base=False).tree
+    coordinates = np.zeros(tree.size)
     for index, joint in enumerate(result.model.joints):
-        coordinates[mechanism.coordinates_of(index)] = np.divide(states.get(joint.name, 0.0), _unit(joint, space))
-    Ts = T_pose_root @ space.motions_to_input(mechanism.tree.Ts_pose_canonical(coordinates[None])[0])
-    rest = {joint.name: (0.0, 0.0, 0.0) if joint.type == "spherical" else 0.0 for joint in result.model.joints}
+        coordinates[tree.coordinates_of(index)] = states.get(joint.name, 0.0)
+    Ts = T_pose_root @ space.motions_to_input(tree.Ts_pose_canonical((coordinates / tree.units(space.scale))[None])[0])
+    rest = {joint.name: _state(np.zeros(joint.kind.size)) for joint in result.model.joints}
     pose = Pose(
         model_digest=result.model.digest,
         units=result.model.units,
@@ -87,8 +88,9 @@ def pose_by_targets(
     mechanism = _mechanism(result, space, limits, free_base)
     found = rearticulate(mechanism, space.points(p_source), parts, space.points(p_target))
     Ts = space.motions_to_input(found.Ts_pose_canonical)
-    own = [mechanism.coordinates_of(joint) for joint in range(len(model.joints) + free_base)]
-    untold = [bool((found.untold[mine] > UNTOLD).any()) for mine in own]
+    own = [mechanism.tree.coordinates_of(joint) for joint in range(len(model.joints) + free_base)]
+    coordinates = found.coordinates * mechanism.tree.units(space.scale)
+    undetermined = [bool((found.undetermined[mine] > UNDETERMINED).any()) for mine in own]
     bounded = [bool(found.bounded[mine].any()) for mine in own]
     names = [joint.name for joint in model.joints]
     residuals = np.linalg.norm(move_points(Ts[parts], p_source) - p_target, axis=1)
@@ -96,12 +98,12 @@ def pose_by_targets(
         model_digest=model.digest,
         units=model.units,
         states={
-            joint.name: _state(joint, found.coordinates[mine] * _unit(joint, space), limits)
+            joint.name: _state_within(joint, coordinates[mine], limits)
             for joint, mine in zip(model.joints, own, strict=False)
         },
         T_pose_root=_transform(Ts[model.root]),
-        undetermined=tuple(name for name, is_so in zip(names, untold, strict=False) if is_so),
-        base_undetermined=free_base and untold[-1],
+        undetermined=tuple(name for name, is_so in zip(names, undetermined, strict=False) if is_so),
+        base_undetermined=free_base and undetermined[-1],
         at_limit=tuple(name for name, is_so in zip(names, bounded, strict=False) if is_so),
         targets=TargetFit(
             rms=float(np.sqrt((residuals**2).mean())),
@@ -114,29 +116,33 @@ def pose_by_targets(
 
 def _mechanism(result: Result, space: Normalisation, limits: bool, free_base: bool) -> Mechanism:
     """The model as it can be posed, within its limits where asked for."""
-    joints, model = result.model.joints, result.model
-    mechanism = Mechanism.assembled(
-        links=np.array([(joint.parent, joint.child) for joint in joints], dtype=np.int64).reshape(-1, 2),
-        types=[joint.type for joint in joints],
-        axis=np.array([joint.axis for joint in joints]).reshape(-1, 3),
-        point=space.points(np.array([joint.point for joint in joints]).reshape(-1, 3)),
-        states=[np.array(joint.states).reshape(model.frames, -1) / _unit(joint, space) for joint in joints],
-        T_frame_root=space.motions(result.T_frame_canonical[:, model.root]),
-        free_root=model.root if free_base else None,
-    )
+    mechanism = Mechanism.without_limits(_chain(result, space, free_base))
     if not limits:
         return mechanism
-    lower, upper = mechanism.lower.copy(), mechanism.upper.copy()
-    for index, joint in enumerate(joints):
-        own = mechanism.coordinates_of(index)
-        upper[own] = joint.upper / _unit(joint, space)
-        lower[own] = -joint.upper if joint.type == "spherical" else joint.lower / _unit(joint, space)
+    tree, lower, upper = mechanism.tree, mechanism.lower.copy(), mechanism.upper.copy()
+    for index, joint in enumerate(result.model.joints):
+        own = tree.coordinates_of(index)
+        upper[own] = joint.upper / tree.units(space.scale)[own]
+        lower[own] = -upper[own] if joint.kind.is_ball else joint.lower / tree.units(space.scale)[own]
     return replace(mechanism, lower=lower, upper=upper)
 
 
-def _unit(joint: ModelJoint, space: Normalisation) -> float:
-    """What a state of one in the normalised frame is in the input's units."""
-    return space.scale if joint.type == "prismatic" else 1.0
+def _chain(result: Result, space: Normalisation, free_base: bool) -> Chain:
+    """The model's tree and states in the normalised frame."""
+    model = result.model
+    joints = [
+        Joint(
+            joint.kind,
+            joint.parent,
+            joint.child,
+            np.array(joint.axis),
+            space.points(np.array(joint.point)),
+            np.array(joint.states).reshape(model.frames, -1) / joint.kind.units(space.scale),
+        )
+        for joint in model.joints
+    ]
+    T_frame_root = space.motions(result.T_frame_canonical[:, model.root])
+    return Chain.of(joints, model.root, T_frame_root, free_base)
 
 
 def _parts_of(
@@ -170,33 +176,43 @@ def _check_targets(
 
 def _check_state(joint: ModelJoint, state: State, limits: bool) -> None:
     """Raises InputError for a state that the joint cannot have."""
-    name = shortened(joint.name, LONGEST_NAME)
-    if (joint.type == "spherical") != isinstance(state, tuple):
-        expected = "a rotation vector of three numbers" if joint.type == "spherical" else "one number"
-        raise InputError(f"joint {name}: found {state}, expected {expected}, since it is {joint.type}; correct it")
+    name, kind = shortened(joint.name, LONGEST_NAME), joint.kind
+    shown = shortened(str(state), LONGEST_FIELD)
+    if not are(state, kind.size):
+        expected = "a rotation vector of three numbers" if kind.is_ball and kind.size == 3 else _counted(kind.size)
+        raise InputError(f"joint {name}: found {shown}, expected {expected}, since it is {joint.type}; correct it")
     if not np.all(np.abs(state) <= GREATEST):
-        raise InputError(f"joint {name}: found {state}, expected finite numbers up to {GREATEST:g}; correct it")
-    size = np.linalg.norm(state) if isinstance(state, tuple) else state
-    slack = ROUNDING * (1 + abs(joint.upper - joint.lower))
-    if limits and not joint.lower - slack <= size <= joint.upper + slack:
-        what = "a rotation by" if joint.type == "spherical" else "the state"
-        raise InputError(
-            f"joint {name}: found {what} {size:.6g}, expected one within its limits, "
-            f"{joint.lower:.6g} to {joint.upper:.6g}; correct it, or give --no-limits"
-        )
+        raise InputError(f"joint {name}: found {shown}, expected finite numbers up to {GREATEST:g}; correct it")
+    for size, lower, upper in zip(joint.sizes(state), joint.lowers, joint.uppers, strict=True):
+        slack = ROUNDING * (1 + abs(upper - lower))
+        if limits and not lower - slack <= size <= upper + slack:
+            what = "a rotation by" if kind.is_ball else "the state"
+            raise InputError(
+                f"joint {name}: found {what} {size:.6g}, expected one within its limits, "
+                f"{lower:.6g} to {upper:.6g}; correct it, or give --no-limits"
+            )
 
 
-def _state(joint: ModelJoint, coordinates: Float64[np.ndarray, "own"], limits: bool) -> State:
+def _counted(count: int) -> str:
+    return "one number" if count == 1 else f"{count} numbers"
+
+
+def _state_within(joint: ModelJoint, coordinates: Float64[np.ndarray, "own"], limits: bool) -> State:
     """A joint's state: an angle without limits is the one nearest to the observed range."""
-    if joint.type == "spherical":
-        x, y, z = coordinates.tolist()
-        return x, y, z
-    [state] = coordinates.tolist()
+    if joint.kind.is_ball:
+        return _state(coordinates)
     if limits:
-        return float(np.clip(state, joint.lower, joint.upper))
-    if joint.type == "revolute":
-        return float(state - 2 * np.pi * np.round((state - (joint.lower + joint.upper) / 2) / (2 * np.pi)))
-    return float(state)
+        return _state(np.clip(coordinates, joint.lowers, joint.uppers))
+    turning = np.arange(len(coordinates)) < joint.kind.angles
+    middle = (np.array(joint.lowers) + np.array(joint.uppers)) / 2
+    turns = np.where(turning, np.round((coordinates - middle) / (2 * np.pi)), 0.0)
+    return _state(coordinates - 2 * np.pi * turns)
+
+
+def _state(coordinates: Float64[np.ndarray, "own"]) -> State:
+    """A number, or several where the joint has more than one degree of freedom."""
+    numbers = coordinates.tolist()
+    return numbers[0] if len(numbers) == 1 else tuple(numbers)
 
 
 def _transform(T: Float64[np.ndarray, "4 4"]) -> Transform:

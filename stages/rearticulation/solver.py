@@ -15,9 +15,9 @@ reach the targets, the one nearest to its start wins."""
 
 LEAST_NOISE, MOST_NOISE = 1e-4, 5e-3
 """What a target is known to, as a share of the diagonal, as far as the fit does not tell. Changes of a radian, or of a
-diagonal, that move the targets less tell nothing: they are held to the start."""
+diagonal, that move the targets less are undetermined: they are held to the start."""
 
-PRESSURE = 1e-9  # least fall of the squared distances with a coordinate that is told from rounding
+PRESSURE = 1e-9  # least fall of the squared distances with a coordinate that is more than rounding
 MOST_FRAMES = 12  # observed frames to start from: those nearest to the targets
 
 
@@ -25,13 +25,13 @@ MOST_FRAMES = 12  # observed frames to start from: those nearest to the targets
 class Rearticulation:
     """A pose that was found: coordinates as in the mechanism, and where each part's canonical points lie then.
 
-    `untold` says which share of each coordinate's change the targets do not tell: 0 to 1, where it is as in the start.
-    The targets press `bounded` coordinates against their limits.
+    `undetermined` is the share of each coordinate's change that the targets do not determine, from 0 to 1; a coordinate
+    with 1 is as in the start. The targets press `bounded` coordinates against their limits.
     """
 
     coordinates: Float64[np.ndarray, "coordinates"]
     Ts_pose_canonical: Float64[np.ndarray, "parts 4 4"]
-    untold: Float64[np.ndarray, "coordinates"]
+    undetermined: Float64[np.ndarray, "coordinates"]
     bounded: Bool[np.ndarray, "coordinates"]
 
 
@@ -49,7 +49,7 @@ def rearticulate(
     found too. What the targets leave open stays as in the nearest of these frames. The time hardly grows with the
     number of targets.
     """
-    count = mechanism.observed.shape[1]
+    count = mechanism.tree.size
     problem = _Problem(mechanism, *condensed(p_source, parts, p_target), STILLNESS * np.eye(count))
     starts, references = problem.starts()
     found, cost = problem.settled(starts, references, iterations)
@@ -107,11 +107,12 @@ class _Problem:
 
         The canonical frame, every joint a quarter turn either way from it, and the nearest observed frames.
         """
-        observed = self.mechanism.observed
+        observed = self.mechanism.chain.states
         nearest = np.argsort(self.cost(observed, observed), kind="stable")[:MOST_FRAMES]
         references = np.concatenate([np.zeros((3, observed.shape[1])), observed[nearest]])
         starts = references.copy()
-        starts[1, self.mechanism.angles], starts[2, self.mechanism.angles] = np.pi / 2, -np.pi / 2
+        angles = self.mechanism.tree.angles
+        starts[1, angles], starts[2, angles] = np.pi / 2, -np.pi / 2
         return self.feasible(starts, references), references
 
     def settled(
@@ -172,7 +173,7 @@ class _Problem:
         twists = tree.twists(coordinates, Ts)[:, :, None]
         p = self.posed(Ts)
         jacobian = np.cross(twists[..., :3], p[:, None]) + twists[..., 3:] * self.p_source[:, 3:]
-        jacobian *= tree.moves[tree.joint][:, self.parts, None]
+        jacobian *= tree.moved_by[:, self.parts, None]
         poses, count = coordinates.shape
         residuals = self.p_target.size
         return (p - self.p_target).reshape(poses, residuals), jacobian.reshape(poses, count, residuals)
@@ -189,9 +190,10 @@ class _Problem:
         """The same pose without whole turns more or less than the reference; within the limits where there are any."""
         mechanism = self.mechanism
         coordinates = coordinates.copy()
-        turning = mechanism.angles[np.isinf(mechanism.upper[mechanism.angles])]
+        angles = mechanism.tree.angles
+        turning = angles[np.isinf(mechanism.upper[angles])]
         coordinates[:, turning] -= 2 * np.pi * np.round((coordinates - references)[:, turning] / (2 * np.pi))
-        for ball in mechanism.balls:
+        for ball in mechanism.tree.balls:
             turn = _nearest_turn(coordinates[:, ball], references[:, ball])
             length = np.linalg.norm(turn, axis=1, keepdims=True)
             coordinates[:, ball] = turn * np.minimum(1.0, mechanism.upper[ball] / np.maximum(length, 1e-12))
@@ -205,9 +207,9 @@ class _Problem:
         """Onto the directions in which the cost falls beyond a limit: along a coordinate, or outwards of a ball."""
         mechanism = self.mechanism
         beyond = (coordinates >= mechanism.upper) & (gradient < 0) | (coordinates <= mechanism.lower) & (gradient > 0)
-        beyond[:, mechanism.balls] = False
+        beyond[:, mechanism.tree.balls] = False
         forbidden = np.where(beyond[..., None], np.eye(beyond.shape[1]), 0.0)
-        for ball in mechanism.balls:
+        for ball in mechanism.tree.balls:
             turn = coordinates[:, ball]
             length = np.linalg.norm(turn, axis=1)
             pressed = (length >= mechanism.upper[ball[0]] * (1 - 1e-12)) & ((turn * gradient[:, ball]).sum(1) < 0)

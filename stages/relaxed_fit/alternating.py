@@ -29,7 +29,6 @@ from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
 from stages.relaxed_fit.start import start_from_flow
 from stages.support.progress import Progress
 
-REACH_FIRST, REACH, REACH_LAST = 5.0, 3.0, 2.0  # robust reach of registration, in spacings
 MERGE_SAMPLE = 120  # points of a part that stand for it when a merge is tried
 MIN_PATCH = 12  # a part is not founded on fewer points
 SPECK = 0.004  # connected pieces with a smaller share of the points are no parts
@@ -71,7 +70,7 @@ class Problem:
         return np.full(len(self.graph.edges), self.config.boundary_price)
 
     def point_costs(self, parts: Parts) -> Float64[np.ndarray, "points"]:
-        return self.registration.cost(self.everything, parts.labels, parts.Ts, self.config.truncation)
+        return self.registration.cost(self.everything, parts.labels, parts.Ts)
 
     def energy(self, parts: Parts) -> float:
         """What the solver lowers: points' costs, price of boundaries, price of parts."""
@@ -91,7 +90,7 @@ def solve_alternating(
     """Fit parts and motions by alternation; deterministic, `rng` is not drawn from."""
     settings = config.alternating
     frames = [frame[working_points(frame, settings.points)] for frame in sequence.frames()]
-    registration = Registration(frames, canonical_frame)
+    registration = Registration(frames, canonical_frame, settings.truncation)
     settings = settings.model_copy(update={"part_price": price_over(registration.evidence, settings.part_price)})
     trajectories = follow_flow(registration.p, sequence, flow, canonical_frame, config.energy.flow_neighbours)
     problem = Problem(registration, surface_graph(registration.p), settings)
@@ -99,14 +98,14 @@ def solve_alternating(
     parts = Parts(start.labels, start.Ts_frame_canonical)
     history = []
     for round_ in range(settings.rounds):
-        parts = refine(parts, problem, 6 if round_ == 0 else 3, REACH_FIRST if round_ == 0 else REACH)
+        parts = refine(parts, problem, 6 if round_ == 0 else 3, settings.reach_first if round_ == 0 else settings.reach)
         parts = merge(relabel(parts, problem), problem)
         if round_ < settings.rounds - settings.closing_rounds:
             parts = split(parts, problem)
         history.append([problem.energy(parts)])
         progress(round_ + 1, settings.rounds, history[-1][0] / len(registration.p))
     parts = absorb_small_parts(absorb_specks(parts, problem), problem)
-    parts = refine(parts, problem, 4, REACH_LAST)
+    parts = refine(parts, problem, 4, settings.reach_last)
     p_all = sequence.frames()[canonical_frame]
     return RelaxedModel(
         canonical_frame=canonical_frame,
@@ -122,9 +121,9 @@ def solve_alternating(
 def refine(parts: Parts, problem: Problem, iterations: int, reach: float) -> Parts:
     """All parts' motions registered anew."""
     edges = problem.graph.edges
-    contacts = edges[parts.labels[edges[:, 0]] != parts.labels[edges[:, 1]]]
+    touching = edges[parts.labels[edges[:, 0]] != parts.labels[edges[:, 1]]]
     attachment = problem.config.attachment
-    Ts = problem.registration.refine_parts(parts.labels, parts.Ts, contacts, iterations, reach, attachment)
+    Ts = problem.registration.refine_parts(parts.labels, parts.Ts, touching, iterations, reach, attachment)
     return replace(parts, Ts=Ts)
 
 
@@ -162,7 +161,7 @@ def _costs_within_reach(parts: Parts, problem: Problem) -> Float64[np.ndarray, "
     touching[pairs[:, 0], pairs[:, 1]] = touching[pairs[:, 1], pairs[:, 0]] = True
     point, part = np.nonzero(touching[parts.labels])
     costs = np.full((len(parts.labels), parts.count), OUT_OF_REACH)
-    costs[point, part] = problem.registration.cost(point, part, parts.Ts, problem.config.truncation)
+    costs[point, part] = problem.registration.cost(point, part, parts.Ts)
     return costs
 
 
@@ -196,9 +195,9 @@ def _merge_once(parts: Parts, problem: Problem) -> Parts:
     unions = [np.concatenate([samples[a], samples[b]]) for a, b in pairs for _ in range(3)]
     index = np.concatenate(unions)
     group = np.repeat(np.arange(len(unions)), [len(union) for union in unions])
-    Ts = registration.refine_groups(index, group, Ts, config.merge_iterations, REACH)
+    Ts = registration.refine_groups(index, group, Ts, config.merge_iterations, config.reach)
     shares = np.array([len(member) / len(sample) for member, sample in zip(members, samples, strict=True)])
-    rise = registration.cost(index, group, Ts, config.truncation) - problem.point_costs(parts)[index]
+    rise = registration.cost(index, group, Ts) - problem.point_costs(parts)[index]
     rises = np.bincount(group, rise * shares[parts.labels[index]], minlength=len(unions)).reshape(-1, 3)
     gains = config.part_price + config.boundary_price * boundaries - rises.min(axis=1)
     labels, motions, joined = parts.labels.copy(), parts.Ts.copy(), set[int]()
@@ -217,14 +216,16 @@ def split(parts: Parts, problem: Problem) -> Parts:
     """New parts founded on patches of the surface that fit better with a motion of their own."""
     registration, config = problem.registration, problem.config
     seeds = farthest_points(registration.p, config.patches)
-    along = problem.graph.distances(seeds, config.patch_points * registration.noise)
+    along = problem.graph.distances(seeds, config.patch_points * registration.spacing)
     nearest_first = np.argsort(along, axis=1, kind="stable")[:, : config.patch_points]
     reached = np.isfinite(np.take_along_axis(along, nearest_first, axis=1))
     index, patch = nearest_first[reached], np.nonzero(reached)[0]
-    Ts = registration.refine_groups(index, patch, parts.Ts[:, parts.labels[seeds]], config.patch_iterations, REACH)
-    saved = problem.point_costs(parts)[index] - registration.cost(index, patch, Ts, config.truncation)
+    Ts = registration.refine_groups(
+        index, patch, parts.Ts[:, parts.labels[seeds]], config.patch_iterations, config.reach
+    )
+    saved = problem.point_costs(parts)[index] - registration.cost(index, patch, Ts)
     savings = np.bincount(patch, saved, minlength=len(seeds))
-    around = 4.0 * np.sqrt(config.patch_points) * registration.noise
+    around = 4.0 * np.sqrt(config.patch_points) * registration.spacing
     for seed in np.argsort(-savings, kind="stable"):
         if savings[seed] < 0.3 * config.part_price:
             break
@@ -237,9 +238,9 @@ def _try_part(
 ) -> Parts:
     """A further part of those nodes that are better off with it, if that pays for its price."""
     registration, config = problem.registration, problem.config
-    stay = registration.cost(nodes, parts.labels[nodes], parts.Ts, config.truncation)
+    stay = registration.cost(nodes, parts.labels[nodes], parts.Ts)
     for attempt in range(2):
-        switch = registration.cost(nodes, np.zeros_like(nodes), T_new, config.truncation)
+        switch = registration.cost(nodes, np.zeros_like(nodes), T_new)
         switches, gain = expansion_move(
             parts.labels, parts.count, nodes, stay, switch, problem.graph.edges, problem.prices
         )
@@ -247,7 +248,9 @@ def _try_part(
         if len(chosen) < MIN_PATCH:
             return parts
         if attempt == 0:
-            T_new = registration.refine_groups(chosen, np.zeros_like(chosen), T_new, config.patch_iterations, REACH)
+            T_new = registration.refine_groups(
+                chosen, np.zeros_like(chosen), T_new, config.patch_iterations, config.reach
+            )
     if gain <= config.part_price:
         return parts
     labels = parts.labels.copy()
@@ -281,6 +284,6 @@ def absorb_small_parts(parts: Parts, problem: Problem) -> Parts:
         touching = np.setdiff1d(pairs[(pairs == part).any(axis=1)], [part])
         if len(touching):
             point, group = np.repeat(members, len(touching)), np.tile(touching, len(members))
-            costs = problem.registration.cost(point, group, parts.Ts, problem.config.truncation)
+            costs = problem.registration.cost(point, group, parts.Ts)
             labels[members] = touching[costs.reshape(len(members), -1).sum(axis=0).argmin()]
     return Parts(labels, parts.Ts).compact()

@@ -15,7 +15,7 @@ from schemas.flow import Flow
 from schemas.relaxed import RelaxedModel
 from schemas.sequence import PointSequence
 from stages.flow.trajectories import follow_flow
-from stages.kernels.motion import se3
+from stages.kernels.motion.rigid_motion import move_points
 from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
 from stages.relaxed_fit.start import Start, start_from_flow
 from stages.support.progress import Progress
@@ -56,12 +56,14 @@ class FreeMotions(nn.Module):
         self.canonical_frame = canonical_frame
         self.pivots = torch.from_numpy(pivots)
         self.rotation = nn.Parameter(Ts[..., :3, :2].clone())
-        self.translation = nn.Parameter(se3.transform(Ts, self.pivots[:, None])[..., 0, :] - self.pivots)
+        self.translation = nn.Parameter(torch.from_numpy(move_points(start.Ts_frame_canonical, pivots) - pivots))
 
     def forward(self) -> Float64[Tensor, "frames parts 4 4"]:
         R = roma.special_gramschmidt(self.rotation)
         turned = (R @ self.pivots[..., None]).squeeze(-1)
-        Ts = se3.from_parts(R, self.pivots + self.translation - turned)
+        moved = (self.pivots + self.translation - turned).unsqueeze(-1)
+        bottom = moved.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*R.shape[:-2], 1, 4)
+        Ts = torch.cat([torch.cat([R, moved], dim=-1), bottom], dim=-2)
         identity = torch.eye(4, dtype=Ts.dtype).expand(1, *Ts.shape[1:])
         return torch.cat([Ts[: self.canonical_frame], identity, Ts[self.canonical_frame + 1 :]])
 

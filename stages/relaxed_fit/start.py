@@ -8,11 +8,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.kernels.motion.rigid_clustering import merge_rigid_clusters, moments, rigid_motion
-from stages.kernels.points.nearest import KDTree, nearest, neighbours
+from stages.kernels.points.nearest import FEW_NEIGHBOURS, KDTree, nearest, neighbours
 from stages.kernels.points.sampling import farthest_points
 
 SEEDS_PER_PART = 12
-SURFACE_NEIGHBOURS = 6
 
 
 @dataclass(frozen=True)
@@ -30,12 +29,12 @@ def start_from_flow(
 ) -> Start:
     """Cluster the points' trajectories along the flow into at most `max_parts` rigid parts.
 
-    Small patches of the surface merge greedily, touching ones only, at the price of the rigid residual
+    Small patches of the surface merge greedily, touching ones only, at the price of the sum of squares
     that their union adds.
     """
     seeds = farthest_points(p_canonical, min(SEEDS_PER_PART * max_parts, max(1, len(p_canonical) // 6)))
     patch = nearest(KDTree(p_canonical[seeds]), p_canonical)[1]
-    near = neighbours(p_canonical, SURFACE_NEIGHBOURS)[1]
+    near = neighbours(p_canonical, FEW_NEIGHBOURS)[1]
     touching = np.stack([patch[np.arange(len(patch)).repeat(near.shape[1])], patch[near.ravel()]], axis=1)
     patches = moments(p_canonical, trajectories, patch, len(seeds))
     merged = merge_rigid_clusters(patches, np.unique(touching, axis=0), max_parts)

@@ -1,4 +1,4 @@
-"""Inline SVG: the kinematic tree, residuals as a heat map and as curves, and a joint's states as a little curve."""
+"""Inline SVG of the kinematic tree, of residuals as a heat map and as curves, and of a joint's states as a curve."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from schemas.model_file import ModelFile
-from schemas.sequence import JOINT_MARKS
 from stages.kernels.labelling.colours import distinct_colours, hexadecimal
 from stages.report.tree_layout import tree_layout
 
-NODE, LEAF_WIDTH, LEVEL_HEIGHT, MARGIN = 14, 48, 62, 22  # of the tree, pixels
-LEFT, ROW, CURVES = 64, 22, 120  # of the residuals: labels, a part's row, the curves' height
-WIDTH, NARROWEST, WIDEST, NUMBERED = 660, 4, 52, 34  # all columns together, and one; numbers stand in wide ones
+NODE, LEAF_WIDTH, LEVEL_HEIGHT, MARGIN = 14, 48, 62, 22  # of the tree, in pixels
+LEFT, ROW, CURVES = 64, 22, 120  # of the residuals: width of labels, height of a row and of the curves
+WIDTH, NARROWEST, WIDEST, NUMBERED = 660, 4, 52, 34  # of all columns, of one, and of one with numbers
 
 
 def tree_svg(model: ModelFile) -> str:
@@ -29,11 +28,11 @@ def tree_svg(model: ModelFile) -> str:
     shapes = []
     for joint in model.joints:
         (x0, y0), (x1, y1) = places[joint.parent], places[joint.child]
-        x, y = x0 + 0.6 * (x1 - x0), y0 + 0.6 * (y1 - y0)  # off the middle, where edges of siblings are apart
-        dashes = ' stroke-dasharray="6 4"' if joint.type == "prismatic" else ""
+        x, y = x0 + 0.6 * (x1 - x0), y0 + 0.6 * (y1 - y0)  # beyond the middle, where siblings' edges are apart
+        dashes = ' stroke-dasharray="6 4"' if joint.kind.turns == "none" else ""
         shapes.append(
             f'<g><title>{escape(joint.name)}, {joint.type}</title><path class="edge"{dashes} d="M{x0:g} {y0:g}L{x1:g} '
-            f'{y1:g}"/><circle class="mark" cx="{x:g}" cy="{y:g}" r="8"/>{_text(x, y + 4, JOINT_MARKS[joint.type])}</g>'
+            f'{y1:g}"/><circle class="mark" cx="{x:g}" cy="{y:g}" r="8"/>{_text(x, y + 4, joint.kind.mark)}</g>'
         )
     for part in model.parts:
         if part.id in places:
@@ -51,7 +50,7 @@ def tree_svg(model: ModelFile) -> str:
 def heat_svg(
     residuals: Float64[np.ndarray, "frames parts"], canonical_frame: int, floor: float, names: Sequence[str]
 ) -> str:
-    """A row for each part and a column for each frame, in % of the diagonal; stronger where more is left than noise."""
+    """A row for each part and a column for each frame, in % of the diagonal. Colour marks residuals above noise."""
     column, top = _column(len(residuals)), _top(residuals, floor)
     shapes = []
     for part, name in enumerate(names):
@@ -86,9 +85,9 @@ def curves_svg(
     canonical_frame: int,
     floor: float,
 ) -> str:
-    """The residual of all points in each frame, that of the worst part, and what sampling alone leaves.
+    """Curves of the residual of all points and of the worst part in each frame, and the floor due to sampling.
 
-    The curves break off at the canonical frame, where there is none.
+    The curves have a gap at the canonical frame, which has no residual.
     """
     whole = np.sqrt(residuals**2 @ (weights / weights.sum()))
     worst = residuals.max(axis=1)
@@ -118,7 +117,7 @@ def curves_svg(
 
 
 def states_svg(states: Sequence[float], canonical_frame: int) -> str:
-    """A joint's states over the frames, and where the canonical frame is."""
+    """A curve of a joint's states over the frames, with a dot at the canonical frame."""
     values = np.array(states, dtype=np.float64)
     low, range_ = values.min(), np.ptp(values) or 1.0
     x = [2 + 86 * t / max(len(values) - 1, 1) for t in range(len(values))]
@@ -139,7 +138,7 @@ def _text(x: float, y: float, text: str, anchor: str = "middle", more: str = "")
 
 
 def _path(x: Sequence[float], y: Sequence[float]) -> str:
-    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)) + "h0"  # a lone point is a dot
+    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)) + "h0"  # a single point is a dot
 
 
 def _column(frames: int) -> float:
@@ -147,7 +146,7 @@ def _column(frames: int) -> float:
 
 
 def _top(residuals: Float64[np.ndarray, "frames parts"], floor: float) -> float:
-    """The residual at the scales' upper end: noise is not to look like misfit."""
+    """The residual at the scales' upper end. It stays above the noise, so that noise does not look like misfit."""
     return max(float(residuals.max(initial=0.0)), 3 * floor) or 1.0
 
 

@@ -1,4 +1,4 @@
-"""A picture of a fitted model, in the panels of the supplement's figures 6 and 8, and of the truth below it."""
+"""A picture of a fitted model, with the panels of the supplement's figures 6 and 8, and of the truth below it."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ from typing import Any, cast
 import numpy as np
 from jaxtyping import Float, Float64, Int64
 
+from schemas.joints import JOINT_KINDS, JointKind
 from schemas.model_file import Result
-from schemas.sequence import JOINT_MARKS, GroundTruth, IngestedSequence, JointType
+from schemas.sequence import GroundTruth, IngestedSequence
+from stages.evaluation.true_motion import true_positions
 from stages.kernels.labelling.colours import colours_of_true_parts, distinct_colours
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import thinned
 from stages.report.tree_layout import tree_layout
 from stages.support.pictures import Axes, Axes3D, Figure, Line3DCollection, colormaps
 
-AXIS_LENGTH = 0.24  # half length of a drawn joint axis, as a share of half the longest side
+AXIS_LENGTH = 0.24  # of a drawn joint axis, as a share of the longest side
 AXIS_COLOUR = "#d11f2a"
-MOST_POINTS = 5000  # that a panel shows
-ARROWS = 800  # of an implied flow
+MOST_POINTS = 5000  # in a panel
+ARROWS = 800  # in a panel of implied flow
 PANEL = 3.6  # inches
 
 
 @dataclass(frozen=True)
 class Model:
-    """What a row of panels shows: points by part in every frame, links (parent, child, mark), and joint axes."""
+    """The content of a row of panels: points by part in every frame, links (parent, child, mark), and joint axes."""
 
     name: str
     colours: Float64[np.ndarray, "parts 3"]
@@ -33,14 +35,14 @@ class Model:
     p_frames: Float64[np.ndarray, "frames points 3"]
     root: int | None
     links: list[tuple[int, int, str]]
-    axes: list[tuple[int, JointType, Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]  # child, type, axis, point
+    axes: list[tuple[int, JointKind, Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]  # child, kind, axis, point
 
 
 def draw(result: Result, ingested: IngestedSequence | None = None) -> Figure:
-    """A row of panels: the input sequence, parts with screw axes, tree, implied flow, and the model in another frame.
+    """Draw a row of panels: the input, the parts with screw axes, the tree, the implied flow, and another frame.
 
-    `ingested` is the sequence that the model was fitted to; without it the canonical frame stands for the input. Where
-    it knows the truth, a second row shows the true parts, in the colours of those found that they are matched to.
+    `ingested` is the sequence that the model was fitted to. Without it the canonical frame serves as the input. If it
+    holds the truth, a second row shows the true parts, in the colours of the found parts that they match.
     """
     canonical = result.model.canonical_frame
     chosen = thinned(len(result.labels), MOST_POINTS)
@@ -90,8 +92,8 @@ def _fitted(result: Result, chosen: Int64[np.ndarray, "chosen"]) -> Model:
         labels=labels,
         p_frames=move_points(T, result.canonical_points[chosen].astype(np.float64)),
         root=model.root,
-        links=[(joint.parent, joint.child, JOINT_MARKS[joint.type]) for joint in model.joints],
-        axes=[(joint.child, joint.type, np.array(joint.axis), np.array(joint.point)) for joint in model.joints],
+        links=[(joint.parent, joint.child, joint.kind.mark) for joint in model.joints],
+        axes=[(joint.child, joint.kind, np.array(joint.axis), np.array(joint.point)) for joint in model.joints],
     )
 
 
@@ -101,26 +103,27 @@ def _true(
     result: Result,
     chosen: Int64[np.ndarray, "chosen"],
 ) -> Model:
-    """The truth in the input's coordinates, its joints where they are in the canonical frame."""
+    """The truth in the input's coordinates, with its joints posed in the canonical frame."""
     sequence, canonical = ingested.sequence, result.model.canonical_frame
     labels_true = ingested.true_labels(canonical)
     assert labels_true is not None
-    Ts_frame_canonical = truth.Ts_frame_first @ np.linalg.inv(truth.Ts_frame_first[canonical])
-    p_canonical = sequence.frames()[canonical][chosen]
-    types = {(joint.parent, joint.child): JOINT_MARKS[joint.type] for joint in truth.joints}
+    p_frames = true_positions(ingested, canonical)
+    assert p_frames is not None
+    types = {(joint.parent, joint.child): joint.kind.mark for joint in truth.joints}
     linked = [(int(parent), part) for part, parent in enumerate(truth.parent) if parent >= 0]
     roots = np.flatnonzero(truth.parent == -1)
     axes = []
     for joint in truth.joints:
-        T_canonical_first = truth.Ts_frame_first[canonical, joint.parent]
+        # a ball joint's centre moves with the child, since a soft parent bends between its joints
+        T_canonical_first = truth.Ts_frame_first[canonical, joint.child if joint.kind.is_ball else joint.parent]
         point = sequence.to_input(T_canonical_first[:3, :3] @ np.array(joint.point) + T_canonical_first[:3, 3])
-        axes.append((joint.child, joint.type, T_canonical_first[:3, :3] @ np.array(joint.axis), point))
+        axes.append((joint.child, joint.kind, T_canonical_first[:3, :3] @ np.array(joint.axis), point))
     return Model(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
         labels=labels_true[chosen],
-        p_frames=sequence.to_input(move_points(Ts_frame_canonical[:, labels_true[chosen]], p_canonical)),
-        root=int(roots[0]) if len(roots) == 1 else None,  # several: the source does not tell the tree
+        p_frames=sequence.to_input(p_frames[:, chosen]),
+        root=int(roots[0]) if len(roots) == 1 else None,  # several roots mean that the tree is unknown
         links=[(parent, child, types.get((parent, child), "")) for parent, child in linked],
         axes=axes,
     )
@@ -145,15 +148,15 @@ def _input(axes: Axes3D, frames: list[Float[np.ndarray, "_ 3"]]) -> None:
 
 
 def _joint_axes(axes: Axes3D, model: Model, canonical_frame: int, half: float) -> None:
-    """Each joint's axis as a line beside its child part's middle; prismatic ones dashed, spherical ones a dot."""
+    """Draw each joint's axis as a line near its child part's middle: dashed if prismatic, as a dot if spherical."""
     for part, kind, direction, point in model.axes:
         child = model.p_frames[canonical_frame][model.labels == part]
         middle = point + direction * (direction @ (child.mean(axis=0) - point)) if len(child) else point
-        if kind == "spherical":
+        if not kind.has_axis:
             axes.plot(*point[:, None], color=AXIS_COLOUR, marker="o", markersize=5)
             continue
         ends = np.stack([middle - AXIS_LENGTH * half * direction, middle + AXIS_LENGTH * half * direction])
-        axes.plot(*ends.T, color=AXIS_COLOUR, linewidth=1.8, linestyle="--" if kind == "prismatic" else "-")
+        axes.plot(*ends.T, color=AXIS_COLOUR, linewidth=1.8, linestyle="--" if kind.turns == "none" else "-")
 
 
 def _tree(axes: Axes, model: Model) -> None:
@@ -161,7 +164,7 @@ def _tree(axes: Axes, model: Model) -> None:
     if model.root is None:
         axes.set(title=f"{model.name}tree: unknown")
         return
-    axes.set(title=f"{model.name}tree (R revolute, P prismatic)")
+    axes.set(title=f"{model.name}tree ({_marks(model)})")
     places = tree_layout([(parent, child) for parent, child, _ in model.links], model.root)
     layout = {part: (x, -depth) for part, (x, depth) in places.items()}
     for parent, child, mark in model.links:
@@ -175,8 +178,14 @@ def _tree(axes: Axes, model: Model) -> None:
     axes.margins(0.12)
 
 
+def _marks(model: Model) -> str:
+    """A legend of the links' marks. It always explains hinges and slides."""
+    shown = {mark for _, _, mark in model.links} | {"R", "P"}
+    return ", ".join(f"{kind.mark} {kind.name}" for kind in JOINT_KINDS.values() if kind.mark in shown)
+
+
 def _flow(axes: Axes3D, p_pair: Float64[np.ndarray, "pair points 3"]) -> None:
-    """Where points go from one frame to the next: lines, brighter where they go farther."""
+    """Draw the motion of points from one frame to the next as lines, brighter for larger motions."""
     start, end = p_pair[0], p_pair[-1]
     _points(axes, start, "#b8c0c7", size=1.0)
     shown = thinned(len(start), ARROWS)
@@ -186,5 +195,5 @@ def _flow(axes: Axes3D, p_pair: Float64[np.ndarray, "pair points 3"]) -> None:
 
 
 def counted(number: int, what: str) -> str:
-    """As in `2 parts, 1 joint`."""
+    """A number with its noun, as in `2 parts` or `1 joint`."""
     return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""What the fitted model leaves of the frames: how far input points lie from it, and it from them."""
+"""Residuals of the fitted model: nearest distances between it and the frames, in both directions."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import thinned
 
-MOST_QUERIES = 8192  # points of each cloud whose nearest ones are looked for
+MOST_QUERIES = 8192  # points of each cloud whose nearest neighbours are searched
 
 
 def part_residuals(result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]]) -> Float64[np.ndarray, "frames parts"]:
-    """Root mean square nearest distance of each part in each frame, in % of the canonical cloud's diagonal.
+    """RMS nearest distance of each part in each frame, in % of the canonical cloud's diagonal.
 
-    Over both directions: from the part's posed canonical points to the frame's, and from the frame's points that lie
-    nearest to this part back to it. A part without points has none: 0. Zero, too, in the canonical frame itself.
+    The distances are those from the part's posed canonical points to the frame, and those to the model from the frame's
+    points that are nearest to the part. The residual is 0 in the canonical frame, and for a part without points.
     """
     p = result.canonical_points.astype(np.float64)
     parts = len(result.model.parts)
@@ -38,9 +38,9 @@ def part_residuals(result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]])
 
 
 def sampling_floor(result: Result) -> float:
-    """What the residual of a perfect model would be, in % of the diagonal: the points' distance from each other.
+    """The residual of a perfect model, in % of the diagonal: the RMS distance of points from their neighbours.
 
-    A point that was sampled independently is as far from the nearest one as those are from their neighbours.
+    It is due to sampling. An independent sample is as far from its nearest point as points are from their neighbours.
     """
     p = np.unique(result.canonical_points.astype(np.float64), axis=0)
     if len(p) < 2:

@@ -1,4 +1,4 @@
-"""What the page's 3D view shows, as JSON: points and meshes in 16 bits, joints and root motions as they are."""
+"""The data of the page's 3D view, as JSON: points and meshes in 16 bits, joints and root motions in full precision."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from jaxtyping import Float, Float64, Int64
 from schemas.model_file import ModelJoint, Result
 from schemas.robot import Robot
 from stages.kernels.labelling.colours import distinct_colours, hexadecimal
-from stages.kernels.points.sampling import normals, spacing, thinned
+from stages.kernels.points.sampling import normals, point_spacing, thinned
 from stages.kernels.surfaces.meshing import Mesh, decimated
 from stages.support.open3d_use import needing_open3d
 
-MOST_POINTS = 20_000  # of the canonical cloud that are shown
-MOST_FRAME_POINTS = 250_000  # of all frames together, and so many at most of each
+MOST_POINTS = 20_000  # shown of the canonical cloud
+MOST_FRAME_POINTS = 250_000  # shown of all frames together
 MOST_POINTS_A_FRAME = 8_192
 MOST_TRIANGLES = 150_000  # of all meshes together
 STEPS = 32767  # from the middle of the scene to its edge
 
 
 class Scale:
-    """Coordinates between -1 and 1, where the scene's box of equal sides lies about `centre`."""
+    """The mapping of the scene's bounding cube, with the given `centre` and `half` side, to [-1, 1]."""
 
     def __init__(self, clouds: Sequence[Float[np.ndarray, "_ 3"]]) -> None:
         low = np.min([cloud.min(axis=0) for cloud in clouds if len(cloud)], axis=0).astype(np.float64)
@@ -33,7 +33,7 @@ class Scale:
         self.half = float((high - low).max()) / 2 or 1.0
 
     def quantised(self, p: Float[np.ndarray, "points 3"]) -> str:
-        """Points as base64 of little-endian 16-bit integers."""
+        """Encode points as base64 of little-endian 16-bit integers."""
         return encoded(np.rint((p - self.centre) / self.half * STEPS).clip(-STEPS, STEPS), "<i2")
 
 
@@ -43,7 +43,7 @@ def scene_data(
     robot: Robot | None = None,
     true_colours: Float64[np.ndarray, "points 3"] | None = None,
 ) -> dict[str, Any]:
-    """The view's data; lengths in the input's units, points sorted by part. `true_colours` are of the true parts."""
+    """The view's data. Lengths are in the input's units, points sorted by part. `true_colours` show the true parts."""
     model = result.model
     p = result.canonical_points.astype(np.float64)
     chosen = thinned(len(p), MOST_POINTS)
@@ -57,18 +57,12 @@ def scene_data(
     return {
         "centre": scale.centre.tolist(),
         "half": scale.half,
-        "spacing": (spacing(p[chosen]) if distinct > 1 else 0.0) / scale.half,
+        "spacing": (point_spacing(p[chosen]) if distinct > 1 else 0.0) / scale.half,
         "diagonal": float(np.linalg.norm(np.ptp(p, axis=0))),
         "canonical": model.canonical_frame,
         "root": model.root,
         "parts": [{"id": part.id, "colour": hexadecimal(colours[part.id])} for part in model.parts],
-        "joints": [
-            {
-                **joint.model_dump(mode="json", include={"parent", "child", "type", "axis", "point", "states"}),
-                "place": joint_place(result, joint, robot).tolist(),
-            }
-            for joint in model.joints
-        ],
+        "joints": [_joint(result, joint, robot) for joint in model.joints],
         "T_frame_root": result.T_frame_canonical[:, model.root, :3].reshape(-1, 12).tolist(),
         "points": {
             "positions": scale.quantised(p[chosen]),
@@ -83,13 +77,13 @@ def scene_data(
 
 @needing_open3d("meshes of parts")
 def part_meshes(robot: Robot) -> list[Mesh]:
-    """Each part's visible mesh in the model's coordinates, coarser where all together would make a page too large."""
+    """Each part's visible mesh in the model's coordinates, decimated if all together would make the page too large."""
     found: list[Mesh] = [Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)) for _ in robot.links]
     total = sum(mesh.triangles for mesh in robot.meshes if mesh.role == "visual")
     share = min(1.0, MOST_TRIANGLES / max(total, 1))
     for entry, vertices, triangles in robot.geometry():
         if entry.role == "visual":
-            mesh = Mesh(vertices, triangles)  # coarsened where it is near its origin, which keeps its digits
+            mesh = Mesh(vertices, triangles)  # decimated near its own origin, to keep precision
             mesh = mesh if share == 1 else decimated(mesh, int(share * entry.triangles))
             place = np.array(robot.links[entry.link].origin)
             found[entry.link] = Mesh((mesh.vertices + place) / robot.metres_per_unit, mesh.triangles)
@@ -97,7 +91,7 @@ def part_meshes(robot: Robot) -> list[Mesh]:
 
 
 def joint_place(result: Result, joint: ModelJoint, robot: Robot | None) -> Float64[np.ndarray, "3"]:
-    """Where on a joint's axis it is drawn: where its links touch, or else nearest to its child's middle."""
+    """The point of a joint's axis at which it is drawn: nearest to the child link's origin, or to its middle."""
     axis, point = np.array(joint.axis), np.array(joint.point)
     if robot is not None:
         middle = np.array(robot.links[joint.child].origin) / robot.metres_per_unit
@@ -108,13 +102,26 @@ def joint_place(result: Result, joint: ModelJoint, robot: Robot | None) -> Float
     return place
 
 
+def _joint(result: Result, joint: ModelJoint, robot: Robot | None) -> dict[str, Any]:
+    """A joint of any kind, as the page moves it: by each row of its basis times the number of its state."""
+    kind = joint.kind
+    return {
+        **joint.model_dump(mode="json", include={"parent", "child", "axis", "point"}),
+        "turns": kind.turns,
+        "slides": kind.slides,
+        "basis": kind.basis(np.array(joint.axis)).tolist(),
+        "states": [np.atleast_1d(state).tolist() for state in joint.states],
+        "place": joint_place(result, joint, robot).tolist(),
+    }
+
+
 def encoded(values: np.ndarray, dtype: str) -> str:
-    """An array's bytes in base64."""
+    """Encode an array's bytes in base64."""
     return base64.b64encode(np.ascontiguousarray(values.astype(dtype)).tobytes()).decode()
 
 
 def _meshes(meshes: list[Mesh], scale: Scale) -> dict[str, Any]:
-    """All vertices and triangles one part after the other; triangles count their own part's vertices."""
+    """All vertices and triangles, part after part. The triangles' indices start at 0 in each part."""
     triangles: Int64[np.ndarray, "triangles 3"] = np.concatenate([mesh.triangles for mesh in meshes])
     wide = max(len(mesh.vertices) for mesh in meshes) > 0xFFFF
     return {

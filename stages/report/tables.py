@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from schemas.joints import Freedom
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import ModelFile, ModelJoint
 from schemas.scores import MEASURES
@@ -21,8 +22,10 @@ MEANINGS = {
     "tree_edit_distance": "steps from the tree found to the true one",
     "recon_cm": "mean distance of points from where they truly are",
     "recon_percent": "the same, % of the diagonal",
+    "recon_of_motion_percent": "the same, % of the mean true way from the canonical frame",
     "epe_cm": "mean error of the flow between frames",
     "epe_percent": "the same, % of the diagonal",
+    "epe_of_flow_percent": "the same, % of the mean true flow",
     "acc5": "share of the flow that is right within 5 mm or 0.5 %",
     "acc10": "share of the flow that is right within 10 mm or 1 %",
     "reanimation_cm": "mean distance in unseen poses, one point of each part given",
@@ -30,13 +33,15 @@ MEANINGS = {
     "chamfer_percent": "mean nearest distance between model and frames, % of the diagonal",
     "axis_angle_deg": "median angle between found and true axes",
     "axis_distance_percent": "median distance between them, % of the diagonal",
+    "ball_centre_percent": "mean distance between found and true centres of ball joints, % of the diagonal",
     "joint_type_accuracy": "share of the joints found whose type is right",
 }
+DIRECTIONS: dict[Freedom, tuple[str, ...]] = {"none": (), "axis": ("",), "all": ("x", "y", "z")}
 HEADLINE = ("ari", "recon_percent", "epe_percent", "tree_edit_distance")
 
 
 def headline(model: ModelFile, metrics: Metrics | None) -> str:
-    """The few figures at the page's top."""
+    """The main figures at the top of the page."""
     if metrics is None or metrics.parts_true is None:
         return ""
     figures = figures_of(metrics, {})
@@ -50,14 +55,13 @@ def headline(model: ModelFile, metrics: Metrics | None) -> str:
 
 
 def sliders(model: ModelFile) -> str:
-    """A row for each joint; a slider within its limits, three for a spherical one's rotation vector."""
+    """A row for each joint, with a slider for each number of its state. The joint's limits bound the slider."""
     colours = [hexadecimal(colour) for colour in distinct_colours(len(model.parts))]
     rows = []
     for joint in model.joints:
         ends = " <span class='arrow'>→</span> ".join(badge(part, colours[part]) for part in (joint.parent, joint.child))
         what = f"{joint.name}, {joint.type}, part {joint.parent} to part {joint.child}"
-        unit = _unit(model, joint)
-        fields = "".join(_slider(joint, lower, upper, about, unit, what) for lower, upper, about in _ranges(joint))
+        fields = _sliders(joint, _length(model), what)
         rows.append(f'<li><span>{ends} {escape(joint.name)}</span> <span class="kind">{joint.type}</span>{fields}</li>')
     return f"<ol>{''.join(rows)}</ol>" if rows else '<p class="soft">One rigid part: nothing to move.</p>'
 
@@ -68,7 +72,7 @@ def badge(part: int, colour: str) -> str:
 
 
 def parts_table(model: ModelFile) -> str:
-    """Points of each part, and their share."""
+    """The number and share of points of each part."""
     total = sum(part.point_count for part in model.parts) or 1
     rows = []
     for part, colour in zip(model.parts, distinct_colours(len(model.parts)), strict=True):
@@ -88,9 +92,9 @@ def joints_table(model: ModelFile) -> str:
     rows = []
     for joint in model.joints:
         links = f"{badge(joint.parent, colours[joint.parent])} → {badge(joint.child, colours[joint.child])}"
-        states = [_magnitude(state) for state in joint.states]
+        curves = zip(*(joint.sizes(state) for state in joint.states), strict=True)
         row = [escape(joint.name), joint.type, links, _vector(joint.axis), _vector(joint.point), _range(model, joint)]
-        row.append(states_svg(states, model.canonical_frame))
+        row.append("".join(states_svg(states, model.canonical_frame) for states in curves))
         if sure:
             told = joint.confidence
             row += ["-"] * 3 if told is None else [f"{value:.2f}" for value in (told.part, told.link, told.type)]
@@ -100,7 +104,7 @@ def joints_table(model: ModelFile) -> str:
 
 
 def figures_table(metrics: Metrics) -> str:
-    """Every figure of the evaluation, and what it means."""
+    """Every metric of the evaluation, with its meaning."""
     figures = figures_of(metrics, {})
     rows = []
     for name, meaning in MEANINGS.items():
@@ -111,7 +115,7 @@ def figures_table(metrics: Metrics) -> str:
 
 
 def true_joints_table(joints: Iterable[JointMetrics]) -> str:
-    """Each true joint against the one that was found in its place."""
+    """Each true joint and the one that was found in its place."""
     rows = []
     for joint in joints:
         angle = joint.state_error if joint.true_type == "revolute" else None
@@ -134,7 +138,7 @@ def true_joints_table(joints: Iterable[JointMetrics]) -> str:
 def table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int] = (), loose: Sequence[int] = ()
 ) -> str:
-    """A table of cells that are HTML already. `words` are columns of text, `loose` ones may break their lines."""
+    """A table of HTML cells. `words` are columns of text; `loose` ones are such columns whose lines may break."""
 
     def kind(column: int) -> str:
         classes = " ".join(name for name, of in (("word", (*words, *loose)), ("loose", loose)) if column in of)
@@ -150,43 +154,48 @@ def table(
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _slider(joint: ModelJoint, lower: float, upper: float, about: str, unit: str, what: str) -> str:
+def _sliders(joint: ModelJoint, length: str, what: str) -> str:
+    """A slider for each number of a joint's state. If there are several, each has its direction as a label."""
+    kind, fields = joint.kind, []
+    directions = DIRECTIONS[kind.turns] + DIRECTIONS[kind.slides]
+    for (lower, upper), unit, direction in zip(_limits(joint), kind.symbols(length), directions, strict=True):
+        which = f", {'about' if unit == 'rad' else 'along'} {direction or 'its axis'}" if kind.size > 1 else ""
+        fields.append(_slider(joint, lower, upper, unit, direction, what + which))
+    return "".join(fields)
+
+
+def _slider(joint: ModelJoint, lower: float, upper: float, unit: str, direction: str, what: str) -> str:
     disabled = " disabled" if upper - lower <= 0 else ""
     low, high = (_value(value, unit) for value in (lower, upper))
-    if about:
-        low, what = f"{about} {low}", f"{what}, about {about}"
     limits = f'min="{lower!r}" max="{upper!r}" step="any" value="0"'
     return (
-        f'<div class="slider"><span class="low">{low}</span><input type="range" data-joint="{joint.id}" '
-        f'data-unit="{unit}" {limits} aria-label="{escape(what)}"{disabled}><span>{high}</span><output></output></div>'
+        f'<div class="slider"><span class="low">{f"{direction} {low}".strip()}</span><input type="range" '
+        f'data-joint="{joint.id}" data-unit="{unit}" {limits} aria-label="{escape(what)}"{disabled}>'
+        f"<span>{high}</span><output></output></div>"
     )
 
 
-def _ranges(joint: ModelJoint) -> list[tuple[float, float, str]]:
-    """The limits of each of a joint's sliders, and the axis that it turns about where there are three."""
-    if joint.type != "spherical":
-        return [(joint.lower, joint.upper, "")]
-    most = max(abs(joint.lower), abs(joint.upper), *(_magnitude(state) for state in joint.states))
-    return [(-most, most, axis) for axis in "xyz"]
+def _limits(joint: ModelJoint) -> list[tuple[float, float]]:
+    """The limits of each number of a joint's state. For the slides of a ball they are the range of the states."""
+    if not joint.kind.is_ball:
+        return list(zip(joint.lowers, joint.uppers, strict=True))
+    most = max(joint.uppers[0], *(joint.sizes(state)[0] for state in joint.states))
+    slides = np.array(joint.states)[:, joint.kind.angles :]
+    return [(-most, most)] * joint.kind.angles + [(min(slide), max(slide)) for slide in slides.T.tolist()]
 
 
-def _magnitude(state: float | tuple[float, float, float]) -> float:
-    return float(np.linalg.norm(state)) if isinstance(state, tuple) else state
-
-
-def _unit(model: ModelFile, joint: ModelJoint) -> str:
-    if joint.type != "prismatic":
-        return "rad"
+def _length(model: ModelFile) -> str:
+    """The symbol of the model's unit of length; empty if it is unknown."""
     return "" if model.units == "unknown" else LENGTH_SYMBOLS[model.units]
 
 
 def _range(model: ModelFile, joint: ModelJoint) -> str:
-    unit = _unit(model, joint)
-    return f"{_value(joint.lower, unit)} to {_value(joint.upper, unit)}"
+    ranges = joint.ranges(_length(model))
+    return ", ".join(f"{_value(lower, unit)} to {_value(upper, unit)}" for lower, upper, unit in ranges)
 
 
 def _value(value: float, unit: str) -> str:
-    """An angle in degrees, or a length with its unit."""
+    """Format an angle in degrees, or a length with its unit."""
     if unit == "rad":
         return f"{round(np.degrees(value))}°"
     return f"{value + 0.0:.3g} {unit}".strip()

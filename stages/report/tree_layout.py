@@ -1,4 +1,4 @@
-"""Where the nodes of a drawn tree stand."""
+"""Layout of a drawn tree."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 
 def tree_layout(links: Iterable[tuple[int, int]], root: int) -> dict[int, tuple[float, int]]:
-    """A place (x, depth) for each node: leaves side by side, a parent above the middle of its children.
+    """The position (x, depth) of each node: leaves side by side, each parent above the middle of its children.
 
-    `links` are pairs (parent, child) of a tree. No line crosses another; x goes from 1 to the number of leaves.
+    `links` are pairs (parent, child) of a tree. No lines cross. x is between 1 and the number of leaves.
     """
     graph = nx.DiGraph()
     graph.add_node(root)

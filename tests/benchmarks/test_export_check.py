@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 
 from schemas.config import ExportConfig
+from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.export import WRITERS, describe
-from stages.kernels.kinematics.kinematic_tree import KinematicTree
-from stages.result import to_result
+from stages.export.stage import WRITERS, compute_export
+from stages.kernels.kinematics.tree import KinematicTree
+from stages.result.stage import compute_result
 
 
 @pytest.fixture
@@ -27,22 +28,21 @@ def boxes(points):
 def model_and_files():
     """A hinge between the first two boxes and a slider to the third, and what is exported of it."""
     p, labels = boxes(900)
-    states = np.zeros((2, 3, 2))
-    states[0, :, 0] = states[1, :, 1] = [0.3, 0.0, -0.2]
+    states = np.tile([[0.3], [0.0], [-0.2]], (1, 2))
     axis, point = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.array([[0.175, 0.0, 0.0], [0.0, 0.0, 0.0]])
     tree = KinematicTree(
-        parts=3,
+        kinds=(REVOLUTE, PRISMATIC),
         parent=np.array([0, 1]),
         child=np.array([1, 2]),
+        axis=axis,
         point=point,
-        joint=np.array([0, 1]),
-        basis=np.array([[*axis[0], 0, 0, 0], [0, 0, 0, *axis[1]]]),
+        root=0,
     )
     kinematic = KinematicModel(
         canonical_frame=1,
         root=0,
         labels=labels,
-        Ts_frame_canonical=tree.Ts_pose_canonical(np.stack([states[0, :, 0], states[1, :, 1]], axis=1)),
+        Ts_frame_canonical=tree.Ts_pose_canonical(states),
         joint_parent=tree.parent,
         joint_child=tree.child,
         joint_types=("revolute", "prismatic"),
@@ -62,8 +62,8 @@ def model_and_files():
         units="metre",
         frame_names=("0", "1", "2"),
     )
-    result = to_result(kinematic, sequence)
-    robot = describe(result, None, ExportConfig(triangles=800), "boxes")
+    result = compute_result(kinematic, sequence)
+    robot = compute_export(result, None, ExportConfig(triangles=800), "boxes")
     return result, {file: content for write in WRITERS.values() for file, content in write(robot).items()}
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 
 COARSE = [
     "flow.estimator=geometric",

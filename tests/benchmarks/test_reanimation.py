@@ -4,14 +4,15 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from pipeline import store
+from pipeline.store import artifacts
 from schemas.config import EvaluationConfig, FinalFitConfig, PipelineConfig
 from schemas.errors import InputError
+from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import CanonicalChoice
 from schemas.manifest import Provenance
 from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation import evaluate
-from stages.kernels.kinematics.kinematic_tree import KinematicTree
+from stages.evaluation.stage import compute_evaluation
+from stages.kernels.kinematics.tree import KinematicTree
 from stages.kernels.motion.rigid_motion import move_points
 
 POINTS = 300  # of each box
@@ -29,12 +30,12 @@ def ingested():
     """A hinge between the first two of three boxes and a slider to the third, sampled anew in every frame."""
     rng = np.random.default_rng(0)
     tree = KinematicTree(
-        parts=3,
+        kinds=(REVOLUTE, PRISMATIC),
         parent=np.array([0, 1]),
         child=np.array([1, 2]),
+        axis=AXES,
         point=ANCHORS,
-        joint=np.array([0, 1]),
-        basis=np.array([[*AXES[0], 0, 0, 0], [0, 0, 0, *AXES[1]]]),
+        root=0,
     )
     Ts = tree.Ts_pose_canonical(np.stack([HINGE, SLIDER], axis=1))
     labels = np.repeat([0, 1, 2], POINTS)
@@ -72,13 +73,13 @@ def ingested():
 
 def finished_run(folder, ingested, model):
     """The artifacts that a run leaves of a sequence whose model this is."""
-    metrics = evaluate(model, ingested, EvaluationConfig(), np.random.default_rng(0))
-    artifacts = {
+    metrics = compute_evaluation(model, ingested, EvaluationConfig(), np.random.default_rng(0))
+    made = {
         "ingest": ingested,
         "canonical_frame": CanonicalChoice(candidates=(), model=model),
         "evaluation": metrics,
     }
-    for stage, artifact in artifacts.items():
+    for stage, artifact in made.items():
         provenance = Provenance(
             stage=stage,
             version=1,
@@ -94,13 +95,13 @@ def finished_run(folder, ingested, model):
             peak_memory_mib=1,
             packages={},
         )
-        store.publish(folder / "scans" / "boxes" / f"{stage}-k", artifact, provenance, {})
+        artifacts.publish(folder / "scans" / "boxes" / f"{stage}-k", artifact, provenance, {})
 
 
 def test_the_true_model_is_exact_and_its_joints_can_be_fitted_to_the_frames(benchmark, ingested):
     exact = benchmark.true_model(ingested, 1)
     assert exact.joint_types == ("revolute", "prismatic")
-    assert exact.states[0, :, 0] == pytest.approx(HINGE - HINGE[1])
+    assert exact.states_of(0)[:, 0] == pytest.approx(HINGE - HINGE[1])
     sampled = benchmark.fitted_to_frames(exact, ingested, FinalFitConfig())
     assert sampled.axis == pytest.approx(exact.axis, abs=0.03)
     assert not np.array_equal(sampled.axis, exact.axis)
@@ -135,10 +136,10 @@ def test_parts_that_share_few_points_are_not_right(benchmark):
 def test_points_are_told_of_every_part_and_of_the_right_ones_where_there_are_any(benchmark):
     labels_true = np.repeat([0, 1], 10)
     among = np.arange(20) == 3
-    told = list(benchmark.told_points(labels_true, among, 0, 4))
-    assert {points[0] for points in told} == {3}
-    assert len({points[1] for points in told}) > 1
-    assert all(points[1] >= 10 for points in told)
+    given = list(benchmark.target_points(labels_true, among, 0, 4))
+    assert {points[0] for points in given} == {3}
+    assert len({points[1] for points in given}) > 1
+    assert all(points[1] >= 10 for points in given)
 
 
 def test_a_truth_without_joints_is_refused(benchmark, ingested):

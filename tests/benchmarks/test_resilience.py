@@ -183,7 +183,7 @@ def test_read_of_damage_is_found_same_missed_or_escaped(attacks):
 
         return read
 
-    assert flips.judge_read(raising(flips.store.CorruptArtifactError(Path("x"), "bad")), 1)[0] == "found"
+    assert flips.judge_read(raising(flips.artifacts.CorruptArtifactError(Path("x"), "bad")), 1)[0] == "found"
     assert flips.judge_read(raising(KeyError("x")), 1) == ("escaped", "KeyError: 'x'")
     assert flips.judge_read(lambda: 1, 1)[0] == "same"
     assert flips.judge_read(lambda: 2, 1)[0] == "missed"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import store
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
+from pipeline.store import artifacts
 from schemas.errors import InputError
 from schemas.manifest import Provenance
 from schemas.scores import Scores
@@ -93,7 +93,7 @@ def test_time_in_stages_is_that_of_the_artifacts_made_since(benchmark, samples, 
             seconds={"read": 0.5, "compute": 3.0},
             packages={},
         )
-        store.publish(tmp_path / "bolt" / f"evaluation-{day}", samples["metrics"], provenance)
+        artifacts.publish(tmp_path / "bolt" / f"evaluation-{day}", samples["metrics"], provenance)
     assert benchmark.stage_seconds(tmp_path, start + timedelta(days=1)) == pytest.approx(7.0)
     assert benchmark.stage_seconds(tmp_path, start + timedelta(days=3)) == 0
 

@@ -1,6 +1,6 @@
 import pytest
 
-from pipeline.presets import load_config
+from pipeline.configuration.presets import load_config
 from schemas.scores import MEASURES
 
 

@@ -5,7 +5,7 @@ import signal
 import numpy as np
 import pytest
 
-from pipeline.delivery import check_delivery
+from pipeline.results.delivery import check_delivery
 from schemas.metrics import Metrics
 from schemas.model_file import ModelFile
 

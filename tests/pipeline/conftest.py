@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 from jaxtyping import Float64
 
-from pipeline import store
-from pipeline.isolated_luigi import luigi
-from pipeline.plan import plan
-from pipeline.presets import load_config
-from pipeline.protocol import Event, Request
-from pipeline.task import Job, StageTask, upstream_first
-from pipeline.tasks import final_tasks
+from pipeline.configuration.presets import load_config
+from pipeline.run.isolated_luigi import luigi
+from pipeline.run.plan import plan
+from pipeline.run.protocol import Event, Request
+from pipeline.run.task import Job, StageTask, upstream_first
+from pipeline.run.tasks import final_tasks
+from pipeline.store import artifacts
 from schemas.artifact import Artifact, Unit
 from schemas.config import PipelineConfig
 from schemas.errors import InputError, UnavailableError
 from schemas.manifest import Provenance
 from stages.ingest.sources import RoboartSource
-from stages.result import result_files
+from stages.result.stage import result_files
 
 
 class Numbers(Artifact):
@@ -52,14 +52,15 @@ class FirstTask(StageTask):
     def upstream_keys(self):
         return {"source": self.job.source_digest}
 
-    def compute(self, inputs, rng, progress):
+    @staticmethod
+    def compute(inputs, given):
         print("a word on standard output")
         logging.getLogger("rearticulate.test").warning("three points were dropped")
-        if self.job.source.refuses == "load":
+        if given.source.refuses == "load":
             raise InputError("frame.ply: found\nnothing")
         for step in range(100):
-            progress(step, 100, 1.0 / (step + 1))
-        return Numbers(values=rng.normal(size=4))
+            given.progress(step, 100, 1.0 / (step + 1))
+        return Numbers(values=given.rng.normal(size=4))
 
 
 class MiddleTask(StageTask):
@@ -72,8 +73,9 @@ class MiddleTask(StageTask):
     def requires(self):
         return {"first": FirstTask(job=self.job)}
 
-    def compute(self, inputs, rng, progress):
-        return Numbers(values=inputs["first"].values + rng.normal(size=4))
+    @staticmethod
+    def compute(inputs, given):
+        return Numbers(values=inputs["first"].values + given.rng.normal(size=4))
 
 
 class LastTask(StageTask):
@@ -82,10 +84,12 @@ class LastTask(StageTask):
     def requires(self):
         return {f"middle {i}": MiddleTask(job=self.job, candidate=i) for i in range(2)}
 
-    def compute(self, inputs, rng, progress):
+    @staticmethod
+    def compute(inputs, given):
         return Numbers(values=np.concatenate([inputs["middle 0"].values, inputs["middle 1"].values]))
 
-    def files(self, output, inputs):
+    @staticmethod
+    def files(output, inputs, given):
         return {"model.json": b"{}"}
 
 
@@ -143,7 +147,7 @@ class EvaluatedRobots:
 
     def finish(self, robot: str, **figures: float) -> None:
         """Publish every artifact of a robot: each stage took 3.5 seconds and 100 MiB, a later one of it more."""
-        artifacts = {
+        made = {
             "ingest": self.samples["ingested"],
             "result": self.samples["result"].replace(
                 canonical_points=np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
@@ -153,7 +157,7 @@ class EvaluatedRobots:
         }
         files = {
             "report": {"report.html": f"<p>{robot}".encode(), "report.png": b"\x89PNG"},
-            "result": result_files(artifacts["result"]),
+            "result": result_files(made["result"]),
         }
         for task in upstream_first(final_tasks(self.job(robot))):
             provenance = Provenance(
@@ -171,8 +175,8 @@ class EvaluatedRobots:
                 peak_memory_mib=100 + task.parameters().get("candidate", 0),
                 packages={},
             )
-            artifact = artifacts.get(task.stage, Numbers(values=np.zeros(1)))
-            store.publish(task.directory, artifact, provenance, files.get(task.stage))
+            artifact = made.get(task.stage, Numbers(values=np.zeros(1)))
+            artifacts.publish(task.directory, artifact, provenance, files.get(task.stage))
 
 
 @pytest.fixture

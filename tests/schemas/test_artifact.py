@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import Float64
 from pydantic import ValidationError
 
-from pipeline.arrays import assemble, payload_of
+from pipeline.store.arrays import assemble, payload_of
 from schemas.artifact import Artifact, Unit
 
 
@@ -78,7 +78,7 @@ def test_axes_of_one_name_have_one_size(sample):
 
 
 def test_both_halves_of_an_artifact_make_it_whole(sample):
-    from pipeline.arrays import arrays_of
+    from pipeline.store.arrays import arrays_of
 
     again = assemble(type(sample), payload_of(sample), {path: array for path, _, array in arrays_of(sample)})
     assert payload_of(again) == payload_of(sample)

@@ -3,6 +3,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
+from schemas.joints import REVOLUTE, SPHERICAL
 from schemas.model_file import ModelFile, ModelPart
 
 
@@ -87,6 +88,20 @@ def test_joints_that_are_no_tree_are_refused(links):
         ModelFile.model_validate(chain(links))
 
 
+BALL = {"type": "spherical", "states": [[0, 0, 0], [0, 0.6, 0.8]]}
+
+
+def test_limits_of_a_ball_joint_are_of_the_length_of_its_rotation_vectors():
+    content = chain([(0, 1), (1, 2), (2, 3)])
+    content["joints"][0] |= BALL
+    ball, hinge, _ = ModelFile.model_validate(content).joints
+    assert (ball.kind, hinge.kind) == (SPHERICAL, REVOLUTE)
+    assert [ball.sizes(state) for state in ball.states] == [(0.0,), (1.0,)]
+    assert [hinge.sizes(state) for state in hinge.states] == [(0.0,), (1.0,)]
+    assert ball.ranges("m") == hinge.ranges("m") == [(0.0, 1.0, "rad")]
+    assert hinge.model_copy(update={"type": "prismatic"}).ranges("m") == [(0.0, 1.0, "m")]
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -95,7 +110,19 @@ def test_joints_that_are_no_tree_are_refused(links):
         ({"states": [0]}, "joint j0: found 1 states, expected one for each of 2"),
         ({"states": [0, float("nan")]}, "joint j0: states: found NaN"),
         ({"states": [0, [0, 0, 0]]}, "joint j0: states: expected 1 numbers each, since it is revolute"),
+        ({"states": [[0], [1]]}, "joint j0: states: expected 1 numbers each"),
+        ({"states": [[], []]}, "joint j0: states: expected 1 numbers each"),
+        ({"lower": [0]}, "joint j0: limits: expected 1 numbers each, since it is revolute"),
+        ({"upper": [0, 1]}, "joint j0: limits: expected 1 numbers each, since it is revolute"),
         ({"type": "spherical"}, "joint j0: states: expected 3 numbers"),
+        ({"type": "helical"}, "expected one of revolute, prismatic, spherical"),
+        ({"type": "screw"}, "expected one of revolute"),
+        (BALL | {"states": [[0, 0, 0], [0, 1]]}, "joint j0: states: expected 3 numbers each, since it is spherical"),
+        (BALL | {"states": [[0, 0, 0], [0, 1, float("nan")]]}, "joint j0: states: found NaN"),
+        (BALL | {"lower": [0, 0, 0]}, "joint j0: limits: expected 1 numbers each, since it is spherical"),
+        (BALL | {"lower": [-1, -1, -1], "upper": [1, 1, 1]}, "joint j0: limits: expected 1 numbers each"),
+        (BALL | {"upper": [1]}, "joint j0: limits: expected 1 numbers each"),
+        (BALL | {"lower": 2}, "joint j0: found limits 2.0 to 1.0"),
         ({"axis": [0, 0, 2]}, "joint j0: found axis"),
         ({"point": [0, 0, float("inf")]}, "joint j0: found axis"),
         ({"lower": 2}, "joint j0: found limits 2.0 to 1.0"),

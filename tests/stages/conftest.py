@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-import torch
 
 from schemas.flow import Flow
+from schemas.joints import PRISMATIC, REVOLUTE, JointKind
 from schemas.kinematic import KinematicModel
 from schemas.model_file import Result
 from schemas.sequence import PointSequence
-from stages.kernels.kinematics.screw import screw_transform
+from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.result import to_result
+from stages.result.stage import compute_result
 
 FRAMES, POINTS = 5, 400
 STATES = np.array([-0.5, -0.25, 0.0, 0.3, 0.6])
@@ -25,10 +25,11 @@ AWAY = (694386.212, 5155487.512, 381.036)  # geo-referenced coordinates
 
 @dataclass(frozen=True)
 class TwoParts:
-    """A sequence in the normalised frame with its truth; part 0 stands still, part 1 moves."""
+    """A sequence in the normalised frame with its truth; part 0 stands still, part 1 moves by `states` (frames, 1)."""
 
     sequence: PointSequence
     labels: list[np.ndarray]
+    kind: JointKind
     Ts_frame_canonical: np.ndarray
     axis: np.ndarray
     point: np.ndarray
@@ -66,10 +67,10 @@ def box_surface(rng: np.random.Generator, count: int, low: list[float], high: li
 def two_parts(kind: str) -> TwoParts:
     axis = np.array([0.0, 1.0, 0.0])
     point = np.array([0.0, 0.0, 0.05]) if kind == "hinge" else np.zeros(3)
-    states = np.zeros((FRAMES, 2))
-    states[:, 0 if kind == "hinge" else 1] = STATES if kind == "hinge" else 0.4 * STATES
+    joint = REVOLUTE if kind == "hinge" else PRISMATIC
+    states = (STATES if kind == "hinge" else 0.4 * STATES)[:, None]
     Ts = np.tile(np.eye(4), (FRAMES, 2, 1, 1))
-    Ts[:, 1] = screw_transform(*(torch.from_numpy(v) for v in (axis, point, states[:, 0], states[:, 1]))).numpy()
+    Ts[:, 1] = joint_transforms(point, states @ joint.basis(axis))
     frames, labels = [], []
     for t in range(FRAMES):
         rng = np.random.default_rng(t)
@@ -86,7 +87,7 @@ def two_parts(kind: str) -> TwoParts:
         units="metre",
         frame_names=tuple(f"frame_{t}" for t in range(FRAMES)),
     )
-    return TwoParts(sequence, labels, Ts, axis, point, states)
+    return TwoParts(sequence, labels, joint, Ts, axis, point, states)
 
 
 @pytest.fixture(scope="session")
@@ -108,10 +109,9 @@ def fitted(scene: TwoParts, free: bool = False) -> Result:
     """The true model, standing still or on a moving base."""
     Ts = scene.Ts_frame_canonical.copy()
     if free:
-        along = torch.linspace(-0.1, 0.1, scene.sequence.frame_count, dtype=torch.float64)
-        tilt = torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64)
-        Ts = screw_transform(tilt, torch.zeros(3, dtype=torch.float64), 3 * along, along).numpy()[:, None] @ Ts
-    kind = "revolute" if scene.states[:, 0].any() else "prismatic"
+        along = np.linspace(-0.1, 0.1, scene.sequence.frame_count)[:, None]
+        tilt = np.array([0.6, 0.0, 0.8])
+        Ts = joint_transforms(np.zeros(3), along * np.concatenate([3 * tilt, tilt]))[:, None] @ Ts
     model = KinematicModel(
         canonical_frame=CANONICAL,
         root=0,
@@ -119,15 +119,15 @@ def fitted(scene: TwoParts, free: bool = False) -> Result:
         Ts_frame_canonical=Ts,
         joint_parent=np.array([0]),
         joint_child=np.array([1]),
-        joint_types=(kind,),
+        joint_types=(scene.kind.name,),
         axis=scene.axis[None],
         point=scene.point[None],
-        states=scene.states[None],
+        states=scene.states,
         e_spatial=np.zeros(1),
         e_1dof=np.zeros(1),
         energies={},
     )
-    return to_result(model, scene.sequence)
+    return compute_result(model, scene.sequence)
 
 
 def placed(scene: TwoParts, centre: tuple[float, float, float]) -> TwoParts:

@@ -1,1 +1,1 @@
-"""The feature network (A.1): what it reads of a cloud, its layers, its weights and the features that it gives."""
+"""The feature network (A.1): its input, layers, weights and output features."""

@@ -1,4 +1,4 @@
-"""Features of a cloud's points by the network."""
+"""Features of a cloud's points from the network."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ network_of = lru_cache(load_network)
 def describe(points: Float64[np.ndarray, "points 3"], config: FlowConfig) -> Float32[np.ndarray, "points 64"]:
     """f(P) (A.1) of a cloud in the normalised frame, scaled so that dot products are the logits of S(P).
 
-    Raises InputError where the configuration names a file that does not hold the network's weights.
+    Raises InputError if the configured file does not hold the network's weights.
     """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     network = network_of(config.network.weights or SHIPPED).to(device)

@@ -1,8 +1,7 @@
-"""What the network is told of a cloud: well spread points, their neighbourhoods, and descriptions of shape.
+"""The network's input for a cloud: well spread points, their neighbourhoods, and descriptors of shape.
 
-Nothing here depends on how densely the cloud is sampled: neighbourhoods are taken among fixed numbers of
-farthest points. What a point is described by is the same however the object is turned or bent, but where it touches
-itself.
+The input does not depend on the sampling density, since neighbourhoods are taken among fixed numbers of farthest
+points. The descriptors do not change when the object is turned or bent, unless it touches itself.
 """
 
 from __future__ import annotations
@@ -17,25 +16,25 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points
 
-FINE, CENTRES, HUBS = 1024, 512, 128  # farthest points of the three levels; each level begins the one before
-FINE_GROUPS = ((1024, 16), (512, 24), (256, 24))  # of each centre: its nearest k among the first n fine points
-CENTRE_GROUPS = ((512, 32), (128, 24))  # of each hub, likewise
-SHAPE_SCALES = ((1024, 24), (256, 16))  # neighbourhoods whose shape describes a point, beside the finest one
-FINEST_NEIGHBOURS = (12, 64)  # of the finest: so many of FINE points, more of denser clouds, at most so many
-LANDMARKS = 64  # points from which distances along the surface are measured
-SURFACE_NEIGHBOURS = 8
+FINE, CENTRES, HUBS = 1024, 512, 128  # farthest points of the three levels; each is the beginning of the level before
+FINE_GROUPS = ((1024, 16), (512, 24), (256, 24))  # (n, k): each centre's nearest k among the first n fine points
+CENTRE_GROUPS = ((512, 32), (128, 24))  # likewise for each hub among the centres
+SHAPE_SCALES = ((1024, 24), (256, 16))  # neighbourhoods whose shape describes a point, besides the finest
+FINEST_NEIGHBOURS = (12, 64)  # in the finest: the number for FINE points, which grows with density, and its maximum
+LANDMARKS = 64  # points to which distances along the surface are measured
+SURFACE_NEIGHBOURS = 8  # along which distances on the surface are measured; the shipped weights depend on it
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)  # of those distances
 INVARIANTS = 4 * (1 + len(SHAPE_SCALES)) + len(QUANTILES) + 1  # numbers that describe a point
-UP_NEIGHBOURS = 3  # of interpolation to a finer level
+UP_NEIGHBOURS = 3  # for interpolation to a finer level
 
 
 @dataclass(frozen=True)
 class CloudGeometry:
-    """A cloud as the network reads it: arrays of float32, and of indices into the level below.
+    """The network's input for a cloud.
 
-    `points`, `normals` and `invariants` are of the fine level. `groups` are neighbourhoods of centres among fine
-    points, `hub_groups` of hubs among centres; `to_centres` and `to_queries` are the hubs and the centres nearest to
-    each centre and each query, with weights that add up to one.
+    `points`, `normals` and `invariants` are of the fine level. `groups` are the neighbourhoods of centres among fine
+    points, and `hub_groups` those of hubs among centres, as indices. `to_centres` has the hubs nearest to each centre
+    and their weights; `to_queries` has the centres nearest to each query. Weights add up to one.
     """
 
     points: Float32[np.ndarray, "fine 3"]
@@ -50,9 +49,9 @@ class CloudGeometry:
 
 
 def cloud_geometry(points: Float[np.ndarray, "points 3"], all_points: bool = True) -> CloudGeometry:
-    """Describe a cloud of at least 8 points; the queries are all of them, or the fine ones only.
+    """Compute the input for a cloud of at least 8 points. The queries are all of them, or only the fine ones.
 
-    Lengths are relative to the cloud's own mean and in the unit of `points`.
+    Positions are relative to the cloud's mean, in the unit of `points`.
     """
     points = np.ascontiguousarray(points - points.mean(axis=0), dtype=np.float64)
     fine = _repeated(farthest_points(points, FINE), FINE)
@@ -77,7 +76,7 @@ def cloud_geometry(points: Float[np.ndarray, "points 3"], all_points: bool = Tru
 
 
 def _repeated(chosen: Int64[np.ndarray, "chosen"], count: int) -> Int64[np.ndarray, "count"]:
-    """`count` indices, the chosen ones over and over where they are fewer."""
+    """Repeat the chosen indices until there are `count`."""
     return np.resize(chosen, count)
 
 
@@ -101,7 +100,7 @@ def _interpolation(
 def _invariants(
     points: Float64[np.ndarray, "points 3"], p_fine: Float64[np.ndarray, "fine 3"]
 ) -> tuple[Float64[np.ndarray, "fine invariants"], Float64[np.ndarray, "fine 3"]]:
-    """What describes each fine point, and its normal (of no particular sign)."""
+    """The descriptor of each fine point, and its normal (of arbitrary sign)."""
     least, most = FINEST_NEIGHBOURS
     dense = int(np.clip(least * len(points) // FINE, least, most))
     finest, normals = _shape(points, p_fine, min(dense, len(points)))
@@ -112,7 +111,7 @@ def _invariants(
 def _shape(
     points: Float64[np.ndarray, "points 3"], centres: Float64[np.ndarray, "centres 3"], count: int
 ) -> tuple[Float64[np.ndarray, "centres 4"], Float64[np.ndarray, "centres 3"]]:
-    """How linear, flat, round and bent the neighbourhood of each centre is, each in [0, 1]; and its normal."""
+    """Linearity, planarity, roundness and curvature of each centre's neighbourhood, in [0, 1], and its normal."""
     near = points[_nearest_among(points, centres, count)]
     mean = near.mean(axis=1, keepdims=True)
     covariances = np.einsum("nki,nkj->nij", near - mean, near - mean) / count
@@ -126,14 +125,14 @@ def _shape(
 
 
 def _distances_along(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points quantiles_and_mean"]:
-    """Quantiles and mean of each point's distances along the surface to landmarks all over it; the greatest is one."""
+    """Quantiles and mean of each point's distances along the surface to the landmarks. The greatest distance is 1."""
     distances = dijkstra(_surface(points), directed=False, indices=np.arange(LANDMARKS))
     distances /= distances.max() + 1e-12
     return np.concatenate([np.quantile(distances, QUANTILES, axis=0), distances.mean(axis=0)[None]]).T
 
 
 def _surface(points: Float64[np.ndarray, "points 3"]) -> csr_array:
-    """Lengths between near points; each piece of the surface is linked to what lies nearest to it."""
+    """The graph of lengths between near points. Each separate piece is linked to its nearest other piece."""
     count = len(points)
     lengths, near = KDTree(points).query(points, k=SURFACE_NEIGHBOURS + 1)
     rows = np.repeat(np.arange(count), SURFACE_NEIGHBOURS)

@@ -1,8 +1,8 @@
-"""The feature network (A.1): PointNet++ with multi-scale grouping, 64 numbers for each point.
+"""The feature network (A.1): PointNet++ with multi-scale grouping and 64 features for each point.
 
-Two levels of set abstraction (512 and 128 centres, several neighbourhoods each), a global one, and feature
-propagation back to every point. Layers that read neighbours' features are applied before they are gathered, which is
-the same and many times faster.
+It has two levels of set abstraction (512 and 128 centres, each with several neighbourhoods), a global one, and feature
+propagation back to every point. Layers on neighbours' features are applied before the features are gathered. That
+gives the same result and is much faster.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RELATION = 7  # numbers that relate a neighbour to its centre
 FINE_WIDTHS = (48, 48, 96)
 HUB_WIDTHS = (128, 128, 192)
 GLOBAL_WIDTHS = (256, 512)
-FINE_SCALE, HUB_SCALE = 10.0, 4.0  # make offsets of the two levels about one
+FINE_SCALE, HUB_SCALE = 10.0, 4.0  # scale the offsets of the two levels to about one
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Clouds:
 
     @classmethod
     def of(cls, geometries: Sequence[CloudGeometry], device: torch.device | str = "cpu") -> Self:
-        """Clouds with the same number of queries as one batch."""
+        """Batch clouds with the same number of queries."""
 
         def stacked(name: str) -> Any:
             values = [getattr(geometry, name) for geometry in geometries]
@@ -55,7 +55,7 @@ class Clouds:
 
 
 class FeatureNetwork(nn.Module):
-    """f(P): a feature for each query point of each cloud; matching points are to have like features."""
+    """f(P): a feature for each query point of each cloud. Training makes features of matching points similar."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class FeatureNetwork(nn.Module):
 
 
 class Abstraction(nn.Module):
-    """One neighbourhood's perceptron, and the greatest of each of its outputs over the neighbours."""
+    """The perceptron of one neighbourhood, followed by the maximum of each output over the neighbours."""
 
     def __init__(self, inputs: int, widths: Sequence[int]) -> None:
         super().__init__()
@@ -115,7 +115,7 @@ class Abstraction(nn.Module):
 
 
 class Norm(nn.BatchNorm1d):
-    """Batch normalisation of the last axis, whatever axes come before it."""
+    """Batch normalisation of the last axis, for any number of axes before it."""
 
     def forward(self, input: Tensor) -> Tensor:
         return super().forward(input.reshape(-1, input.shape[-1])).reshape(input.shape)
@@ -129,7 +129,7 @@ def perceptron(*widths: int) -> nn.Sequential:
 
 
 def gather(values: Tensor, index: Int64[Tensor, "batch centres k"]) -> Tensor:
-    """values (batch, points, c) at `index`: (batch, centres, k, c)."""
+    """Gather values (batch, points, c) at `index` to (batch, centres, k, c)."""
     batch, points, channels = values.shape
     offsets = (torch.arange(batch, device=index.device) * points).view(-1, 1, 1)
     return values.reshape(-1, channels).index_select(0, (index + offsets).reshape(-1)).view(*index.shape, channels)
@@ -141,7 +141,7 @@ def relation(
     group: Int64[Tensor, "batch centres k"],
     scale: float,
 ) -> Float32[Tensor, "batch centres k 7"]:
-    """How neighbours lie about the first points: offset, length, and three angles that no turn changes."""
+    """The neighbours' positions relative to their centres: offset, length, and three rotation-invariant angles."""
     centres = group.shape[1]
     offset = (gather(points, group) - points[:, :centres, None]) * scale
     length = offset.norm(dim=-1, keepdim=True)
@@ -152,5 +152,5 @@ def relation(
 
 
 def interpolate(values: Tensor, index: Tensor, weights: Tensor) -> Tensor:
-    """Weighted means of values (batch, points, c): (batch, queries, c)."""
+    """Interpolate values (batch, points, c) by weighted means to (batch, queries, c)."""
     return (gather(values, index) * weights.unsqueeze(-1)).sum(dim=2)

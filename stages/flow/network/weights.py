@@ -1,4 +1,4 @@
-"""Tensors on disk: safetensors, which holds arrays and text and can't hold code; same content, same bytes."""
+"""Tensors on disk as safetensors, which holds arrays and text but no code. Equal content gives equal bytes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from schemas.errors import InputError
 from stages.flow.network.model import FeatureNetwork
 
 FORMAT = "rearticulate flow network 1"
-DIGEST = "digest"  # the note that holds a file's digest; files from before it was written have none
+DIGEST = "digest"  # the note with a file's digest, which older files lack
 MOST_MIB = 512
-SHIPPED = Path(__file__).with_name("weights.safetensors")  # other ones need another version of the flow task
+SHIPPED = Path(__file__).with_name("weights.safetensors")  # new ones need a new stages.flow.VERSION
 
 
 def weights_file(network: FeatureNetwork, notes: Mapping[str, str]) -> bytes:
-    """A file of a network's weights, with notes on how they came about."""
+    """A file of a network's weights, with notes on their training."""
     return safetensors_bytes(network.state_dict(), {"format": FORMAT, **notes})
 
 
 def safetensors_bytes(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -> bytes:
-    """A safetensors file of tensors and texts, with a digest of them: whatever their order, the same bytes.
+    """A safetensors file of tensors and texts, with their digest. The bytes do not depend on the order of either.
 
-    The library writes the texts in an order that differs from process to process.
+    The library itself writes the texts in an order that differs between processes.
     """
     ordered = {name: tensors[name].detach().contiguous() for name in sorted(tensors)}
     content = save(ordered, {**notes, DIGEST: _digest(ordered, notes)})
@@ -44,7 +44,7 @@ def safetensors_bytes(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -
 
 
 def _digest(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -> str:
-    """SHA-256 (hex) over the tensors' names, kinds, shapes and values, and the texts."""
+    """SHA-256 (hex) over the texts, and the tensors' names, types, shapes and values."""
     texts = sorted((name, text) for name, text in notes.items() if name != DIGEST)
     total = hashlib.sha256(json.dumps(texts).encode())
     for name in sorted(tensors):
@@ -55,7 +55,7 @@ def _digest(tensors: Mapping[str, Tensor], notes: Mapping[str, str]) -> str:
 
 
 def load_network(path: Path = SHIPPED) -> FeatureNetwork:
-    """A network with the weights of a file, for use. Raises InputError where these are not weights of this network."""
+    """Load a network with the weights of a file, for inference. Raises InputError if they do not fit this network."""
     tensors, _ = read_safetensors(path, FORMAT)
     network = FeatureNetwork()
     check_state(path, tensors, network.state_dict())
@@ -63,8 +63,8 @@ def load_network(path: Path = SHIPPED) -> FeatureNetwork:
     return network.eval()
 
 
-def check_state(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
-    """Raises InputError where the tensors of a file are not of the expected names and shapes, and finite."""
+def check_state(path: Path | str, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+    """Raise InputError unless the tensors of a file are finite and have the expected names and shapes."""
     for name, tensor in expected.items():
         if name not in tensors:
             raise InputError(f"{path}: found no {name}, expected weights of the flow network; take another file")
@@ -83,9 +83,9 @@ def check_state(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str
 
 
 def read_safetensors(path: Path, expected_format: str) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """The arrays and texts of a safetensors file of one of our formats.
+    """Read the arrays and texts of a safetensors file in one of our formats.
 
-    Raises InputError for any other file, a large one, and one whose content has changed since it was written.
+    Raises InputError for any other file, for one that is too large, and for one that differs from its digest.
     """
     if not os.path.isfile(path):
         raise InputError(f"{path}: found no such file, expected weights (.safetensors); check the path")

@@ -1,20 +1,19 @@
-"""The training's course as a picture."""
+"""The learning curve of a training, as a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from schemas.training import Measurement, Step
 from stages.support.pictures import Figure, picture_bytes
 
-SMOOTHED = 50  # steps that a point of the loss curve is the mean of, at most
+SMOOTHED = 50  # most steps that are averaged to one point of the loss curve
 
 
-def draw_curve(steps: Sequence[Step], measurements: Sequence[Measurement], path: Path) -> None:
-    """Loss, and the shares of right matches on validation pairs, by step."""
+def curve_png(steps: Sequence[Step], measurements: Sequence[Measurement]) -> bytes:
+    """Draw the loss, and the shares of right matches on validation pairs, by step."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     width = max(1, min(SMOOTHED, len(steps) // 20))
@@ -32,4 +31,4 @@ def draw_curve(steps: Sequence[Step], measurements: Sequence[Measurement], path:
         right.plot(at, [100 * getattr(measurement, name) for measurement in measurements], style, label=label)
     right.set(xlabel="step", ylabel="%", ylim=(0, 100), title="validation")
     right.legend(frameon=False)
-    path.write_bytes(picture_bytes(figure, "png", dpi=110))
+    return picture_bytes(figure, "png", dpi=110)

@@ -1,4 +1,4 @@
-"""What a training step does: turned clouds, the matching loss, and how good matches are (A.1)."""
+"""The parts of a training step (A.1): augmentation by rotation, the matching loss, and the score of matches."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from torch.nn import functional
 from stages.flow.network.model import FEATURES, Clouds, FeatureNetwork
 from stages.flow.training.pairs import Pair
 
-NEAR = 0.02  # a match is right this near to the true place, in diagonals
+NEAR = 0.02  # a match is right up to this distance from the true place, in diagonals
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Pairs side by side: all first clouds, then all second ones."""
+    """A batch of pairs: all first clouds, then all second ones."""
 
     clouds: Clouds
     match: Int64[Tensor, "clouds fine"]
@@ -39,7 +39,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Score:
-    """Of a network on pairs: the loss; shares of right matches, of mutual ones, and of right ones among these."""
+    """A network's score on pairs: the loss, and the shares of right matches, mutual matches, and right mutual ones."""
 
     loss: float
     right: float
@@ -48,7 +48,7 @@ class Score:
 
 
 def turned(batch: Batch, turn_degrees: float, rng: np.random.Generator) -> Batch:
-    """Each pair turned at random as a whole and perhaps mirrored, one of its clouds by up to `turn_degrees` more."""
+    """Rotate each pair at random, mirror some, and rotate one cloud of each by up to `turn_degrees` more."""
     pairs = len(batch.match) // 2
     whole = Rotation.random(pairs, rng).as_matrix()
     whole[rng.random(pairs) < 0.5, :, 0] *= -1.0
@@ -77,7 +77,7 @@ def matching_loss(network: nn.Module, batch: Batch) -> Tensor:
 
 
 def score(network: FeatureNetwork, batches: Sequence[Batch]) -> Score:
-    """How well the network matches; batches are weighed equally."""
+    """Score the network's matches. Batches have equal weights."""
     network.eval()
     with torch.inference_mode():
         found = [_score(network, batch) for batch in batches]

@@ -1,4 +1,4 @@
-"""Pairs of clouds of one shape in two poses, and which points of them lie at the same place of the surface."""
+"""Pairs of clouds of one shape in two poses, with their true correspondences."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from stages.ingest.roboart.surface import Surface
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
 
-VISIBLE_SHARE = 0.2  # of pairs of which only what some viewpoints see is sampled
+VISIBLE_SHARE = 0.2  # of pairs that are sampled only where some viewpoints see the surface
 VIEWPOINTS = (2, 4)
 STILL_SHARE = (0.0, 0.7)  # of joints that do not move in a pair
-STEP_SPREAD = (0.4, 1.2)  # a joint moves by the pair's step times this
+STEP_SPREAD = (0.4, 1.2)  # a joint's motion, relative to the pair's step
 LARGEST_NOISE = 0.004  # standard deviation, in diagonals
-SCALES = (0.75, 1.15)  # diagonal of a pair's clouds
-HOLE_SHARE, HOLE_RADIUS = 0.3, (0.03, 0.12)  # of clouds with holes torn in, and their radius in diagonals
-FAR = 0.025  # points without a counterpart as near as this, in diagonals, are not asked about
+SCALES = (0.75, 1.15)  # range of the diagonal of a pair's clouds
+HOLE_SHARE, HOLE_RADIUS = 0.3, (0.03, 0.12)  # share of clouds with holes, and the holes' radius in diagonals
+FAR = 0.025  # points without a counterpart within this distance, in diagonals, have no label
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two clouds as the network reads them. Fine point i of one lies where `match[i]` of the other does, if `known`."""
+    """Two clouds as the network's input. Fine point i of one corresponds to `match[i]` of the other if `known[i]`."""
 
     first: CloudGeometry
     second: CloudGeometry
@@ -39,7 +39,7 @@ class Pair:
 
 
 def make_pair(shape: PosableShape, config: TrainFlowConfig, rng: np.random.Generator) -> Pair:
-    """Draw two poses, sample each on its own, and match by the true motion (the label of A.1)."""
+    """Draw two poses, sample each independently, and match them by the true motion (the label of A.1)."""
     Ts = shape.poses(draw_positions(shape, config, rng))
     clouds, labels = _sample(shape.surface, Ts, config.points, rng)
     low, high = np.min([p.min(axis=0) for p in clouds], axis=0), np.max([p.max(axis=0) for p in clouds], axis=0)
@@ -51,7 +51,7 @@ def make_pair(shape: PosableShape, config: TrainFlowConfig, rng: np.random.Gener
     noise = rng.uniform(0, LARGEST_NOISE) * diagonal if rng.random() < 0.5 else 0.0
     noisy = [p + rng.normal(0, noise, p.shape) if noise else p for p in clouds]
     geometries = [cloud_geometry(p * scale, all_points=False) for p in noisy]
-    # the fine points again, to find out where on the surface they are
+    # find the fine points in the clouds without noise, to get their places on the surface
     fine = [
         nearest(KDTree((p - p.mean(axis=0)) * scale), geometry.points.astype(np.float64))[1]
         for p, geometry in zip(noisy, geometries, strict=True)
@@ -71,7 +71,7 @@ def make_pair(shape: PosableShape, config: TrainFlowConfig, rng: np.random.Gener
 def draw_positions(
     shape: PosableShape, config: TrainFlowConfig, rng: np.random.Generator
 ) -> Float64[np.ndarray, "2 joints"]:
-    """Joint positions of two frames: anywhere, and a step from there that turns back at a limit."""
+    """Draw joint positions of two frames: any position, then a step from it, reversed where it would pass a limit."""
     low, high = shape.ranges.T
     width = high - low
     here = rng.uniform(low, high)
@@ -100,7 +100,7 @@ def _sample(
 def _tear(
     points: Float64[np.ndarray, "points 3"], diagonal: float, rng: np.random.Generator
 ) -> Bool[np.ndarray, "points"]:
-    """Which points are left where holes are torn into the cloud."""
+    """Cut holes into a cloud: which points remain."""
     kept = np.ones(len(points), dtype=bool)
     if rng.random() < HOLE_SHARE:
         for centre in points[rng.integers(len(points), size=rng.integers(1, 4))]:

@@ -1,4 +1,4 @@
-"""Robots of the data set as shapes to train on."""
+"""Robots of the data set as training shapes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from schemas.config import RoboartConfig
+from schemas.joints import REVOLUTE
 from stages.flow.training.shapes import PosableShape
 from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
 from stages.ingest.roboart.descriptions import robot_description
 
 
 def robot_shape(name: str, assets: Path | None = None) -> PosableShape:
-    """A robot, in parts as in the data set, whose joints move within their limits, a quarter turn from rest at most.
+    """A robot with the parts of the data set. Its joints keep their limits and turn at most a quarter turn from rest.
 
-    Raises InputError as `robot_description`, or for a description that cannot be used.
+    Raises InputError as `robot_description` does, or for a description that cannot be used.
     """
     found = robot_description(name, assets)
     articulated = ArticulatedRobot.read(found.urdf_path, found.mesh_dirs, RoboartConfig())
@@ -26,5 +27,5 @@ def robot_shape(name: str, assets: Path | None = None) -> PosableShape:
         whole[:, drives] = positions
         return articulated.poses(articulated.follow(whole))
 
-    turning = np.array([articulated.robot.joints[j].kind == "revolute" for j in drives])
+    turning = np.array([articulated.robot.joints[j].kind == REVOLUTE for j in drives])
     return PosableShape(articulated.surface, articulated.ranges[drives], turning, poses)

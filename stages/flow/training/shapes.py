@@ -1,4 +1,4 @@
-"""Shapes that can be posed, to train on: trees of random primitive parts, and boxes with doors and drawers."""
+"""Posable training shapes: trees of random primitive parts, and boxes with doors and drawers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from stages.ingest.roboart.urdf import import_extra
 Triangles = Float64[np.ndarray, "triangles 3 3"]
 
 FURNITURE_SHARE = 0.25
-LIMBS = (1, 6)  # grown from the trunk
+LIMBS = (1, 6)  # limbs at the trunk
 LIMB_PARTS = (1, 5)
 MOST_PARTS = 24
-REPEATED_SHARE = 0.6  # of limbs that come several times around the trunk, or mirrored
+REPEATED_SHARE = 0.6  # of limbs that are repeated around the trunk or mirrored
 PRISMATIC_SHARE = 0.12
-BRANCH_SHARE = 0.2  # of parts that hang on another than the last one of their limb
+BRANCH_SHARE = 0.2  # of parts that branch off before the end of their limb
 TURN_DEGREES = (40.0, 170.0)  # range of a revolute joint
-SLIDE = (0.2, 0.7)  # range of a prismatic one, in lengths of its part
+SLIDE = (0.2, 0.7)  # range of a prismatic joint, in lengths of its part
 THICKNESS = 0.012  # of boards
 
 
@@ -39,7 +39,7 @@ class PosableShape:
 
 @dataclass
 class Tree:
-    """Parts at rest, each with the joint that hangs it on an earlier one; all in one coordinate system."""
+    """Parts at rest in one coordinate system, each with the joint that links it to an earlier part."""
 
     triangles: list[Triangles] = field(default_factory=list)
     parent: list[int] = field(default_factory=list)
@@ -57,7 +57,7 @@ class Tree:
         turning: bool = True,
         range_: tuple[float, float] = (0.0, 0.0),
     ) -> int:
-        """Hang a part on `parent` (-1: the root, which has no joint); its index."""
+        """Add a part below `parent` (-1 for the root, which has no joint), and return its index."""
         self.triangles.append(triangles)
         self.parent.append(parent)
         self.axis.append(np.zeros(3) if axis is None else axis / np.linalg.norm(axis))
@@ -67,7 +67,7 @@ class Tree:
         return len(self.triangles) - 1
 
     def shape(self) -> PosableShape:
-        """The whole as a shape; joint j moves part j + 1."""
+        """The tree as a shape. Joint j moves part j + 1."""
         return PosableShape(
             surface=Surface(
                 np.concatenate(self.triangles),
@@ -94,12 +94,12 @@ class Tree:
 
 
 def random_shape(rng: np.random.Generator) -> PosableShape:
-    """A shape that nobody has seen: furniture, or a trunk with limbs."""
+    """Make a random shape: furniture, or a trunk with limbs."""
     return (furniture if rng.random() < FURNITURE_SHARE else creature)(rng).shape()
 
 
 def creature(rng: np.random.Generator) -> Tree:
-    """A trunk and limbs of primitive parts; some limbs come several times, turned about the trunk or mirrored."""
+    """Make a trunk and limbs of primitive parts. Some limbs are repeated around the trunk or mirrored."""
     tree = Tree()
     size = rng.uniform(0.1, 0.35, 3)
     trunk = tree.add(_compound(size, rng))
@@ -120,7 +120,7 @@ def _grow_limb(tree: Tree, trunk: int, rng: np.random.Generator) -> None:
         on = tree.triangles[parent]
         centre = on.reshape(-1, 3).mean(axis=0)
         candidates = sample_triangles(on, 16, rng)[0]
-        if parent != trunk:  # a limb goes on at its far end
+        if parent != trunk:  # a limb continues at its far end
             reach = np.linalg.norm(candidates - tree.point[parent], axis=1)
             candidates = candidates[np.argsort(reach)[-4:]]
         point = candidates[rng.integers(len(candidates))]
@@ -145,7 +145,7 @@ def _grow_limb(tree: Tree, trunk: int, rng: np.random.Generator) -> None:
 
 
 def _repeats(rng: np.random.Generator) -> list[Float64[np.ndarray, "4 4"]]:
-    """Mirrored once, or turned about the trunk's z axis one to five times."""
+    """The transforms of a limb's copies: one mirrored, or one to five turned about the trunk's z axis."""
     T = np.eye(4)
     if rng.random() < 0.6:
         T[0, 0] = -1.0
@@ -159,7 +159,7 @@ def _repeats(rng: np.random.Generator) -> list[Float64[np.ndarray, "4 4"]]:
 
 
 def _copy(tree: Tree, parts: range, trunk: int, T: Float64[np.ndarray, "4 4"]) -> None:
-    """A limb's parts once more, carried by T."""
+    """Add a copy of a limb's parts, transformed by T."""
     shift = len(tree.parent) - parts.start
     for part in parts:
         parent = tree.parent[part]
@@ -174,7 +174,7 @@ def _copy(tree: Tree, parts: range, trunk: int, T: Float64[np.ndarray, "4 4"]) -
 
 
 def _compound(size: Float64[np.ndarray, "3"], rng: np.random.Generator) -> Triangles:
-    """One to three primitives about the origin that overlap; `size` is about the whole's."""
+    """One to three overlapping primitives at the origin, of about `size` together."""
     pieces = [_primitive(size, rng)]
     for _ in range(rng.choice(3, p=(0.45, 0.35, 0.2))):
         T = np.eye(4)
@@ -185,7 +185,7 @@ def _compound(size: Float64[np.ndarray, "3"], rng: np.random.Generator) -> Trian
 
 
 def _primitive(size: Float64[np.ndarray, "3"], rng: np.random.Generator) -> Triangles:
-    """A box, a cylinder, a ball, a capsule or a turned body."""
+    """A box, a cylinder, a ball, a capsule or a body of revolution."""
     creation = import_extra("trimesh.creation")
     radius, height = size[:2].mean() / 2, size[2]
     kind = rng.choice(5, p=(0.3, 0.25, 0.1, 0.1, 0.25))
@@ -208,7 +208,7 @@ def _primitive(size: Float64[np.ndarray, "3"], rng: np.random.Generator) -> Tria
 
 
 def furniture(rng: np.random.Generator) -> Tree:
-    """A box of boards, in whose front cells doors turn and drawers slide; or a lid alone, as on a chest or a laptop."""
+    """A box of boards with doors and drawers in its front, or with only a lid, like a chest or a laptop."""
     tree = Tree()
     width, depth, height = rng.uniform(0.3, 0.8), rng.uniform(0.1, 0.5), rng.uniform(0.15, 0.9)
     carcass = [
@@ -236,7 +236,7 @@ def furniture(rng: np.random.Generator) -> Tree:
 def _front(
     tree: Tree, root: int, x: tuple[float, float], z: tuple[float, float], depth: float, rng: np.random.Generator
 ) -> None:
-    """A door or a drawer that closes one cell of the front (y = 0)."""
+    """Add a door or a drawer that closes one cell of the front (y = 0)."""
     gap = 0.003
     panel = _board((x[0] + gap, x[1] - gap), (-THICKNESS, 0), (z[0] + gap, z[1] - gap))
     knob_x = rng.uniform(x[0] + 0.1 * (x[1] - x[0]), x[1] - 0.1 * (x[1] - x[0]))

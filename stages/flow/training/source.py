@@ -1,4 +1,4 @@
-"""Where pairs to train on come from: robots that are to be had, and shapes that are made up on the spot."""
+"""The source of training pairs: available robots, and random shapes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ TRAINING, VALIDATION = 0, 1  # streams of random numbers
 
 
 class PairSource:
-    """Training pairs by number; number i is the same in every process and run.
+    """Training pairs by number. Pair i is the same in every process and run.
 
-    Robots are read when the first pair is asked for, so that a worker process can be sent this.
+    Robots are read at the first pair, so that the source can be sent to a worker process.
     """
 
     def __init__(self, config: TrainFlowConfig, assets: Path | None = None) -> None:
@@ -40,7 +40,7 @@ class PairSource:
 
 
 def check_robots(config: TrainFlowConfig) -> None:
-    """Raises InputError for an unknown robot, and for one that is both trained on and measured on."""
+    """Raise InputError for an unknown robot, and for one that is used both for training and for validation."""
     for name in (*config.robots, *config.validation_robots):
         robot_entry(name)
     if both := sorted(set(config.robots) & set(config.validation_robots)):
@@ -50,7 +50,7 @@ def check_robots(config: TrainFlowConfig) -> None:
 
 
 def robot_shapes(names: Sequence[str], assets: Path | None) -> dict[str, PosableShape]:
-    """The robots of these names that are to be had; the others are warned of."""
+    """The available ones of the named robots. A warning names the others."""
     found = {}
     for name in names:
         try:
@@ -61,7 +61,7 @@ def robot_shapes(names: Sequence[str], assets: Path | None) -> dict[str, Posable
 
 
 def validation_pairs(config: TrainFlowConfig, assets: Path | None) -> list[Pair]:
-    """Pairs of robots that are never trained on, in turns; of made-up shapes where no robot is to be had."""
+    """Validation pairs: of robots that are never trained on, in turn, or of random shapes if no robot is available."""
     robots = list(robot_shapes(config.validation_robots, assets).values())
     pairs = []
     for index in range(config.validation_pairs):

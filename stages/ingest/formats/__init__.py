@@ -1,1 +1,1 @@
-"""The file formats of point clouds: each module reads one, and notices a damaged, odd or oversized file."""
+"""The file formats of point clouds. Each module reads one, and detects damaged, odd and oversized files."""

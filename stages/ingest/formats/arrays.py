@@ -1,6 +1,6 @@
-"""Arrays of points in numpy's own files: .npy, and .npz, of which only what is needed is read.
+"""Arrays of points in numpy's files .npy and .npz. Only the needed parts of an .npz are read.
 
-Sizes are checked by what the headers declare, before anything is read, and nothing is ever unpickled.
+Sizes are checked by the headers before anything is read, and nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from stages.ingest.formats.disguises import disguise
 from stages.ingest.formats.rows import Points
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, unreadable
 
-_MOST_COLUMNS = 16  # more are an image's, not a point's coordinates, colour and normal
+_MOST_COLUMNS = 16  # of a point's coordinates, colour and normal; an image has more
 _MOST_BYTES = 2 << 30
 _BLOCK = 1 << 22  # bytes
 _MOST_BYTES_OF_POINT = 1 << 16
-# what numpy's parser raises beside ValueError for a damaged header
+# raised by numpy's parser, besides ValueError, for a damaged header
 _HEADER_ERRORS = (SyntaxError, TypeError, OverflowError, TokenError, RecursionError)
 PER_FRAME = "save one .npy for each frame in a folder"
 
 
 @dataclass(frozen=True)
 class Member:
-    """One array of an .npz as its header declares it; `problem` says why it is no plain array."""
+    """One array of an .npz, as its header declares it. `problem` explains why it is not a plain array."""
 
     name: str
     shape: tuple[int, ...] = ()
@@ -48,12 +48,12 @@ class Member:
 
     @property
     def points_shape(self) -> tuple[int, ...]:
-        """The shape with coordinates as the last axis; empty for what holds no points."""
+        """The shape with coordinates as the last axis; empty if the array holds no points."""
         return points_shape(self.shape, self.dtype)
 
 
 def points_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
-    """The shape as (..., points, 3) of an array with at least three columns, or with the fields x, y and z; else ()."""
+    """The shape (..., points, 3) of an array with at least three columns or with fields x, y and z; else ()."""
     if dtype.names:
         plain = all(name in dtype.names and dtype[name].kind in "iuf" for name in "xyz")
         return (*shape, 3) if plain else ()
@@ -63,7 +63,7 @@ def points_shape(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...
 
 
 def as_points(array: Any) -> Points:
-    """The first three columns of an array of one frame, or its fields x, y and z, as float64.
+    """Convert the first three columns of one frame's array, or its fields x, y and z, to float64.
 
     Raises ValueError for anything but real numbers of shape (points, 3 or more).
     """
@@ -83,14 +83,14 @@ def as_points(array: Any) -> Points:
 
 
 def map_array(path: Path) -> np.ndarray:
-    """A .npy file as a read-only map: its header is checked against its size and nothing is loaded.
+    """Map a .npy file read-only. Its header is checked against its size, and nothing is loaded.
 
     Raises ValueError or OSError for a file that is not a whole array of plain numbers.
     """
     try:
         return np.lib.format.open_memmap(path, mode="r")
     except ValueError as error:
-        if "Python objects" in str(error):  # numpy's advice is to unpickle
+        if "Python objects" in str(error):  # numpy's own message advises to unpickle
             raise ValueError(f"found Python objects, which are never unpickled; {PER_FRAME}") from error
         if "magic string" in str(error):
             raise ValueError("found no .npy header") from error
@@ -100,7 +100,7 @@ def map_array(path: Path) -> np.ndarray:
 
 
 def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """The shape and the type that a .npy file declares, whether it is whole or not. Raises ValueError or OSError."""
+    """The shape and type that a .npy file declares. The file may be truncated. Raises ValueError or OSError."""
     with path.open("rb") as file:
         try:
             shape, _, dtype = _header(file)
@@ -110,23 +110,23 @@ def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def read_npy(path: Path, most: int) -> Points:
-    """The points of a .npy file of one frame. Raises ValueError or OSError, also for more than `most`."""
+    """Read the points of a .npy file of one frame. Raises ValueError or OSError, also for more than `most`."""
     array = map_array(path)
     check_count(len(array) if array.ndim else 0, most)
     return as_points(np.asarray(array))
 
 
 def read_organised(path: Path, most: int) -> Points:
-    """The points of a .npy file of the rows and columns of one frame, as `read_npy`."""
+    """Read the points of a .npy file of one organised frame (rows, columns, 3 or more). Raises as `read_npy` does."""
     array = map_array(path)
     check_count(math.prod(array.shape[:2]), most)
     return as_points(np.asarray(array).reshape(-1, *array.shape[2:]))
 
 
 def load_npz(path: Path, wanted: Collection[str] | None = None, most_bytes: int = _MOST_BYTES) -> dict[str, np.ndarray]:
-    """The arrays of an .npz, or those of the `wanted` that are there; others are neither read nor checked.
+    """Load the arrays of an .npz, or the `wanted` ones that it has. Others are neither read nor checked.
 
-    Raises InputError where it is damaged, holds pickled objects or declares more than `most_bytes`.
+    Raises InputError if it is damaged, holds pickled objects or declares more than `most_bytes`.
     """
     with open_npz(path) as archive:
         members = [member for member in archive.members() if wanted is None or member.name in wanted]
@@ -146,33 +146,33 @@ class Archive:
         self._zip = archive
 
     def members(self) -> list[Member]:
-        """What it holds, in the order in which it was saved, by the headers alone."""
+        """Its arrays in the order in which they were saved, by their headers alone."""
         return [self._member(info) for info in self._zip.infolist()]
 
     def read(self, member: Member) -> np.ndarray:
-        """A whole array. Its size is to be checked before."""
+        """Read a whole array. Check its size before."""
         data = bytearray(member.nbytes)
         with self._data(member) as file, memoryview(data) as view:
             for start in range(0, len(data), _BLOCK):
                 view[start : start + _BLOCK] = _exactly(file, min(_BLOCK, len(data) - start))
-            file.read(1)  # the end, where zipfile checks the sum
+            file.read(1)  # zipfile checks the sum at the end
         return np.frombuffer(data, member.dtype).reshape(member.shape, order="F" if member.fortran else "C")
 
     def read_frames(self, member: Member, step: int, most: int) -> Iterator[Points]:
-        """The points of every `step`-th entry of the first axis of (frames, points, 3 or more), one by one.
+        """Yield the points of every `step`-th frame of an array (frames, points, 3 or more).
 
-        Beside them only a block is held, whatever else the array holds.
+        Besides these points, only one block of the array is in memory.
         """
         frames, count = member.points_shape[:2]
         check_count(count * len(range(0, frames, step)), most)
         _check_width(member)
         with self._data(member) as file:
             yield from (_by_columns if member.fortran else _by_rows)(file, member, (frames, count), step)
-            while file.read(_BLOCK):  # to the end, where zipfile checks the sum
+            while file.read(_BLOCK):  # zipfile checks the sum at the end
                 pass
 
     def read_frame(self, member: Member, most: int) -> Points:
-        """The points of an array of (points, 3 or more), as `read_frames`."""
+        """Read the points of an array (points, 3 or more), as `read_frames` does."""
         (points,) = self.read_frames(replace(member, shape=(1, *member.shape)), 1, most)
         return points
 
@@ -202,7 +202,7 @@ class Archive:
 
 @contextmanager
 def open_npz(path: Path) -> Iterator[Archive]:
-    """An .npz whose members can be listed and read. Raises InputError, also for what goes wrong while it is read."""
+    """Open an .npz to list and read its members. Raises InputError, also for errors while it is read."""
     try:
         file = path.open("rb")
     except OSError as error:
@@ -217,7 +217,7 @@ def open_npz(path: Path) -> Iterator[Archive]:
         raise
     except MemoryError as error:
         raise out_of_memory(path) from error
-    except Exception as error:  # zip and its compressors have many ways to say that a file is damaged
+    except Exception as error:  # zipfile and its decompressors raise many kinds of errors for damaged files
         if (found := disguise(path)) and not zipfile.is_zipfile(path):
             raise InputError(f"{path}: {found}") from error
         raise InputError(
@@ -226,7 +226,7 @@ def open_npz(path: Path) -> Iterator[Archive]:
 
 
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """The shape, whether it is in Fortran's order, and the type at a .npy's start."""
+    """Read a .npy header: the shape, whether the order is Fortran's, and the type."""
     version = np.lib.format.read_magic(file)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"it is of the unknown .npy version {version}")
@@ -243,7 +243,7 @@ def _check_width(member: Member) -> None:
 
 
 def _by_rows(file: IO[bytes], member: Member, shape: tuple[int, int], step: int) -> Iterator[Points]:
-    """Every `step`-th of (frames, points) whose points lie one after the other."""
+    """Yield every `step`-th frame of (frames, points) in C order, where a frame's points are contiguous."""
     frames, count = shape
     columns = member.shape[2:]
     width = member.dtype.itemsize * math.prod(columns)
@@ -262,7 +262,7 @@ def _by_rows(file: IO[bytes], member: Member, shape: tuple[int, int], step: int)
 
 
 def _by_columns(file: IO[bytes], member: Member, shape: tuple[int, int], step: int) -> Iterator[Points]:
-    """Every `step`-th of (frames, points) in Fortran's order: the first points of all frames, the second ones, ..."""
+    """Yield every `step`-th frame of (frames, points) in Fortran's order: all first points, all second ones, ..."""
     frames, count = shape
     points = np.empty((len(range(0, frames, step)), count, 3))
     at_once = max(_BLOCK // max(member.dtype.itemsize, 1), 1)

@@ -1,4 +1,4 @@
-"""What a file is that has the name of another kind, told by its first bytes."""
+"""Detection of files with a wrong ending, by their first bytes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _HTML = re.compile(rb"\s*(<!doctype html|<html|<head|<\?xml|<svg)", re.IGNORECAS
 
 
 def disguise(path: Path) -> str:
-    """What a file is instead, and what to do, where its first bytes tell; else empty."""
+    """What a file really is, and what to do, if its first bytes show it; else empty."""
     try:
         with path.open("rb") as file:
             head = file.read(_LOOKED_AT).removeprefix(b"\xef\xbb\xbf")

@@ -1,4 +1,4 @@
-"""Which arrays of an .npz are the frames of a sequence, by their names and shapes."""
+"""Detection of a sequence's frames among the arrays of an .npz, by names and shapes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.ingest.messages import TooLargeError
 from stages.ingest.order import in_order
 
 _POINTS = ("points", "pc", "pcs", "pcd", "xyz", "point_clouds", "pointclouds", "clouds", "frames", "coords")
-_FEWEST_ROWS = 5  # fewer are a matrix
+_FEWEST_ROWS = 5  # an array with fewer rows is a matrix
 _FIRST = r"start|begin|first|initial|before|source|src|closed|close"
 _LAST = r"end|last|final|after|target|tgt|opened|open"
 _PLACE = re.compile(rf"[0-9]+|(?<![a-z])({_FIRST}|{_LAST})(?![a-z])", re.IGNORECASE)
@@ -28,11 +28,11 @@ _EXPECTED = "one array of shape (frames, points, 3) or one of shape (points, 3) 
 
 @dataclass(frozen=True)
 class NpzFrames:
-    """The frames that an .npz holds: one array of all of them, or one array each."""
+    """The frames in an .npz: one array of all frames, or one array for each."""
 
     stack: Member | None = None
     clouds: tuple[Member, ...] = ()
-    doubt: str = ""  # where their order is not plain
+    doubt: str = ""  # a reason to doubt their order
 
     @property
     def count(self) -> int:
@@ -40,7 +40,7 @@ class NpzFrames:
 
 
 def find_frames(path: Path) -> NpzFrames:
-    """The frames by the headers alone; an only cloud of shape (points, 3) is one. Raises InputError where unclear."""
+    """Find the frames by the headers alone. A single cloud (points, 3) is one frame. Raises InputError if unclear."""
     with open_npz(path) as archive:
         members = archive.members()
     stacks = [member for member in members if len(member.points_shape) == 3 and not member.problem]
@@ -59,7 +59,7 @@ def find_frames(path: Path) -> NpzFrames:
 
 
 def read_npz_frames(path: Path, frames: NpzFrames, step: int, most: int) -> Iterator[tuple[str, Points]]:
-    """Name and points of every `step`-th frame. Raises InputError, and TooLargeError for more than `most` points."""
+    """Yield name and points of every `step`-th frame. Raises InputError, or TooLargeError beyond `most` points."""
     with open_npz(path) as archive:
         if frames.stack:
             for index, points in enumerate(archive.read_frames(frames.stack, step, most)):
@@ -72,7 +72,7 @@ def read_npz_frames(path: Path, frames: NpzFrames, step: int, most: int) -> Iter
 
 
 def read_one_cloud(path: Path, most: int) -> Points:
-    """The points of an .npz of one frame. Raises ValueError where it holds more, or InputError."""
+    """Read the points of an .npz of one frame. Raises InputError, or ValueError if it holds more."""
     frames = find_frames(path)
     if frames.stack or frames.count != 1:
         raise ValueError(f"found {frames.count} frames among frames; give that file itself as the sequence")
@@ -103,7 +103,7 @@ def _only(members: list[Member]) -> Member | None:
 
 
 def _groups(clouds: list[Member]) -> dict[str, list[Member]]:
-    """Clouds whose names differ in a number or in a word for start or end only, at least two of each."""
+    """Groups of at least two clouds whose names differ only in a number or in a word for start or end."""
     groups: dict[str, list[Member]] = {}
     for member in clouds:
         if place := next(reversed(list(_PLACE.finditer(member.name))), None):

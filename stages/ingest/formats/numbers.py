@@ -1,4 +1,4 @@
-"""Columns of numbers in text, as programs and languages write them."""
+"""Columns of numbers in text, in the notations of various programs and languages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 LONGEST_LINE = 1 << 16
-_AT_ONCE = 100_000  # lines
+_AT_ONCE = 100_000  # lines parsed at a time
 _NOT_A_NUMBER = re.compile(r"[+-]?nan(\(.*)?|[+-]?1[.,]#(qnan|snan|ind)\w*|n/?a|#n/a|null|none|", re.IGNORECASE)
 _INFINITE = re.compile(r"([+-]?)1[.,]#inf\w*", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]*([eE][+-]?[0-9]+)?")
@@ -22,10 +22,10 @@ _AROUND = " \t\r\n\"'[](){}"
 def numbers(
     lines: Iterable[str], columns: list[int], delimiter: str | None, width: int
 ) -> Float64[np.ndarray, "rows columns"]:
-    """The given columns of lines of `width` columns; `delimiter` None is any white space.
+    """Parse the given columns of lines of `width` columns. The `delimiter` None means any white space.
 
-    What is no number in other columns does not matter. Raises ValueError with the row (from 0 on) for a line of
-    another width and for text among the numbers.
+    Other columns may hold anything. Raises ValueError with the row (from 0) for a line of another width, and for text
+    in the given columns.
     """
     blocks, first, lines = [], 0, iter(lines)
     while block := list(itertools.islice(lines, _AT_ONCE)):
@@ -39,19 +39,19 @@ def numbers(
 
 
 def checked_line(line: AnyStr) -> AnyStr:
-    """What readline(LONGEST_LINE) gave. Raises ValueError where the line goes on."""
+    """Return a line from readline(LONGEST_LINE). Raises ValueError if the line is longer."""
     if len(line) >= LONGEST_LINE:
         raise ValueError(f"found a line of more than {LONGEST_LINE:,} characters")
     return line
 
 
 def fields(line: str, delimiter: str | None) -> list[str]:
-    """The fields of one line."""
+    """Split one line into fields."""
     return line.split(delimiter)
 
 
 def number(text: str, delimiter: str | None) -> float:
-    """One field as a number; the ways in which programs write NaN, decimal commas and quotes are known.
+    """Parse one field as a number, in all common notations of NaN, with decimal commas, and in quotes.
 
     Raises ValueError for anything else.
     """

@@ -1,7 +1,7 @@
 """PCD, as text, binary or compressed.
 
-As PLY it is read here, since Open3D gives zeros for bad lines. Open3D still unpacks the compressed kind, whose size
-can be checked.
+It is parsed here, as PLY is, since Open3D returns zeros for bad lines. Open3D still unpacks compressed files, whose
+size can be checked.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from stages.support.open3d_use import needing_open3d
 
 
 def read_pcd(path: Path, most: int) -> Points:
-    """The coordinates of all points. Raises ValueError or OSError, also for more than `most`."""
+    """Read the coordinates of all points. Raises ValueError or OSError, also for more than `most`."""
     with path.open("rb") as file:
         header, start = split_header(file, r"DATA[ \t]+\w+", "PCD")
         entries = {words[0]: words[1:] for words in header}
@@ -57,7 +57,7 @@ def _rows(entries: dict[str, list[str]]) -> Rows:
 
 
 def _point_count(entries: dict[str, list[str]]) -> int:
-    """How many points the header declares. Raises ValueError where it contradicts itself."""
+    """The number of points in the header. Raises ValueError if the header contradicts itself."""
     names = [name for name in ("POINTS", "WIDTH", "HEIGHT") if name in entries]
     counts = {name: declared_count(" ".join(entries[name])) for name in names}
     if "WIDTH" not in counts or "HEIGHT" not in counts:

@@ -1,8 +1,8 @@
-"""PLY, as text or binary, with any columns and elements beside the vertices' coordinates.
+"""PLY, as text or binary, with any columns and elements besides the vertices' coordinates.
 
-It is read here rather than by Open3D, since a reader of scans must notice a damaged file. Open3D 0.20 returns
-uninitialised memory for a truncated binary PLY and garbage for one without z, with at most a warning on the console,
-and it rejects infinite coordinates in text.
+It is parsed here rather than by Open3D, since a reader of scans must detect damaged files. Open3D 0.20 returns
+uninitialised memory for a truncated binary PLY and garbage for one without z, with at most a warning on the console.
+It also rejects infinite coordinates in text.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 def read_ply(path: Path, most: int) -> Points:
-    """The coordinates of the vertices. Raises ValueError or OSError, also for more than `most`."""
+    """Read the coordinates of the vertices. Raises ValueError or OSError, also for more than `most`."""
     with path.open("rb") as file:
         header, start = split_header(file, "end_header", "PLY")
         if [word.lower() for word in header[0]] != ["ply"]:

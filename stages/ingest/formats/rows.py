@@ -1,4 +1,4 @@
-"""Rows of columns as the headers of PLY and PCD declare them, from binary data or from text."""
+"""Rows of columns that the headers of PLY and PCD declare, from binary data or text."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UTF8_MARK = b"\xef\xbb\xbf"
 
 @dataclass(frozen=True)
 class Column:
-    """One column: a value, `values` of them, or a list, where `length` is the type of its length."""
+    """One column: one value, `values` of them, or a list whose length has the type `length`."""
 
     name: str
     dtype: str
@@ -36,18 +36,18 @@ class Column:
 
 @dataclass(frozen=True)
 class Rows:
-    """What a header declares: how many rows of which columns."""
+    """The rows that a header declares: their number and their columns."""
 
     columns: list[Column]
     count: int
 
     def xyz(self) -> list[int]:
-        """Which columns hold the coordinates, in small letters or capitals. Raises ValueError where it is unclear."""
+        """The columns of x, y and z, in small letters or capitals. Raises ValueError if they are unclear."""
         names = [column.name for column in self.columns]
         lowered = [name.lower() for name in names]
         if missing := [name for name in "xyz" if name not in lowered]:
             raise ValueError(f"found no {' or '.join(missing)} among the columns {', '.join(names)}")
-        if twice := [name for name in names if name != "_" and names.count(name) > 1]:  # _ is PCD's padding
+        if twice := [name for name in names if name != "_" and names.count(name) > 1]:  # PCD names padding _
             raise ValueError(f"found the column {twice[0]} twice, expected it once")
         wanted = [names.index(name) if name in names else lowered.index(name) for name in "xyz"]
         for column in (self.columns[index] for index in wanted):
@@ -56,12 +56,12 @@ class Rows:
         return wanted
 
     def has_lists(self) -> bool:
-        """Whether a row's size depends on what it holds."""
+        """Whether the size of a row depends on its content."""
         return any(column.length for column in self.columns)
 
 
 def split_header(file: IO[bytes], end: str, kind: str) -> tuple[list[list[str]], int]:
-    """The words of each header line up to the one that `end` matches, and the position of the byte after it."""
+    """Split the header, up to the line that `end` matches, into words by line. Also return the end's position."""
     data = file.read(_LONGEST_HEADER)
     if data.startswith(_UTF16_MARKS):
         raise ValueError("found UTF-16 text, expected plain text (UTF-8)")
@@ -75,14 +75,14 @@ def split_header(file: IO[bytes], end: str, kind: str) -> tuple[list[list[str]],
 
 
 def declared_count(text: str) -> int:
-    """A number of rows in a header. Raises ValueError for anything else."""
+    """Parse a number of rows in a header. Raises ValueError for anything else."""
     if not re.fullmatch(r"[0-9]{1,12}", text):
         raise ValueError(f"found a count of {text[:20]!r}, expected a number")
     return int(text)
 
 
 def from_binary(rows: Rows, path: Path, start: int, byte_order: str, most: int) -> Points:
-    """The coordinates of rows that begin at byte `start`. Nothing else of the file is held."""
+    """Read the coordinates of rows that begin at byte `start`. Nothing else of the file is kept."""
     wanted = rows.xyz()
     check_count(rows.count, most)
     if rows.count == 0:
@@ -100,7 +100,7 @@ def from_binary(rows: Rows, path: Path, start: int, byte_order: str, most: int) 
 
 
 def end_of(rows: Rows, path: Path, start: int, byte_order: str) -> int:
-    """The position of the byte after rows that begin at byte `start`, which need not be there."""
+    """The position of the byte after rows that begin at byte `start`. It may be beyond the file's end."""
     if rows.count == 0:
         return start
     data = np.memmap(path, np.uint8, mode="r")
@@ -111,7 +111,7 @@ def end_of(rows: Rows, path: Path, start: int, byte_order: str) -> int:
 
 
 def from_text(rows: Rows, lines: Iterator[str], most: int) -> Points:
-    """The coordinates of rows of text; `lines` holds those of nothing before them."""
+    """Read the coordinates of rows of text. The first of `lines` is the first row."""
     wanted = rows.xyz()
     check_count(rows.count, most)
     counted = _Counted(itertools.islice(lines, rows.count))
@@ -121,13 +121,13 @@ def from_text(rows: Rows, lines: Iterator[str], most: int) -> Points:
         counted.to_the_end()
         if counted.count == rows.count:
             raise
-    if counted.count < rows.count:  # the more likely cause of an odd last line, too
+    if counted.count < rows.count:  # also the likely cause of an odd last line
         raise ValueError(f"found {counted.count} of the {rows.count} points that it declares")
     return points
 
 
 class _Counted:
-    """Lines, and how many of them there were."""
+    """An iterator of lines that counts them."""
 
     def __init__(self, lines: Iterator[str]) -> None:
         self._lines = lines
@@ -151,7 +151,7 @@ def _text_points(rows: Rows, lines: Iterator[str], wanted: list[int]) -> Points:
 
 
 def text_lines(file: IO[bytes], start: int) -> Iterator[str]:
-    """The lines of a file from byte `start` on, without empty ones."""
+    """Yield the lines of a file from byte `start` on, without empty ones."""
     file.seek(start)
     while line := checked_line(file.readline(LONGEST_LINE)):
         if not line.isspace():
@@ -169,7 +169,7 @@ def _record(rows: Rows, byte_order: str, lengths: dict[int, int]) -> np.dtype[An
 
 
 def _equal_lengths(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str) -> dict[int, int] | None:
-    """The length of each list, where all rows have lists as long as the first one's, else None."""
+    """The length of each list column if it is the same in all rows, else None."""
     if not rows.has_lists():
         return {}
     lengths: dict[int, int] = {}
@@ -188,7 +188,7 @@ def _equal_lengths(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order
 
 
 def _walk(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str, wanted: list[int]) -> tuple[Points, int]:
-    """The wanted columns of rows with lists of any length, one after the other, and where they end."""
+    """Read the wanted columns row by row, with lists of any length. Also return the rows' end."""
     points = np.empty((rows.count if wanted else 0, 3))
     sizes = [np.dtype(column.dtype).itemsize for column in rows.columns]
     view, offset = data.data, start
@@ -207,7 +207,7 @@ def _walk(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str, wa
 
 
 def _value(data: Any, offset: int, dtype: str) -> tuple[float, int]:
-    """One number, and where the next one begins."""
+    """Read one number. Also return the position of the next one."""
     code = dtype[0] + np.dtype(dtype).char
     if offset + struct.calcsize(code) > len(data):
         raise ValueError("found fewer rows than it declares")
@@ -221,7 +221,7 @@ def _checked_length(length: float) -> int:
 
 
 def _without_lists(rows: Rows, line: str, wanted: list[int]) -> list[float]:
-    """The wanted columns of one line, in which lists begin with their length."""
+    """The wanted columns of one line, whose lists begin with their length."""
     words, found, place = line.split(), {}, 0
     for index, column in enumerate(rows.columns):
         if place >= len(words):

@@ -1,8 +1,8 @@
 """Tables of points as text: .xyz, .txt, .csv, .pts, .asc and the like, from any program.
 
-Spaces, tabs, commas or semicolons stand between the columns. Lines before the first row of numbers are a header, and
-where it names x, y and z it says which columns they are; else they are the first three. A line with nothing but a
-whole number before the rows is their count.
+Spaces, tabs, commas or semicolons separate the columns. Lines before the first row of numbers are a header. If it names
+x, y and z, these columns are read, else the first three. A line before the rows with a single whole number is their
+count.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stages.ingest.messages import check_count
 
 _log = logging.getLogger("rearticulate.ingest")
 
-_MARKS = (  # the longer ones first, since they begin like others
+_MARKS = (  # longer ones first, since shorter ones are their beginnings
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -32,11 +32,11 @@ _MARKS = (  # the longer ones first, since they begin like others
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _DELIMITERS = (";", "\t", ",", None)
-_LONGEST_HEADER = 1000  # lines
-_SAMPLE = 50  # rows that tell the layout
-_COMMENT = re.compile(r"(^|[\s,;])(#|//|%).*")  # not the # in 1.#QNAN
+_LONGEST_HEADER = 1000  # in lines
+_SAMPLE = 50  # rows from which the layout is determined
+_COMMENT = re.compile(r"(^|[\s,;])(#|//|%).*")  # except the # in 1.#QNAN
 _OFF = re.compile(r"(ST)?C?N?4?OFF", re.IGNORECASE)
-_LISTS = re.compile(r"\s*[\[(]\s*([\[(][^\[\](),]*(,[^\[\](),]*){2,}[\])]\s*,?\s*){5}")  # as JSON has them in one line
+_LISTS = re.compile(r"\s*[\[(]\s*([\[(][^\[\](),]*(,[^\[\](),]*){2,}[\])]\s*,?\s*){5}")  # as in one line of JSON
 _WHOLE = re.compile("[0-9]{1,12}")
 _FEWEST_VERTICES = 5
 _BEFORE_NAMES = "#/% \t"
@@ -52,7 +52,7 @@ _AXES = (
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the coordinates are in a line."""
+    """The position of the coordinates in a line."""
 
     delimiter: str | None
     width: int
@@ -60,7 +60,7 @@ class _Layout:
 
 
 def read_table(path: Path, most: int) -> Points:
-    """The coordinates of a table. Raises ValueError or OSError, also for more than `most` points."""
+    """Read the coordinates of a table. Raises ValueError or OSError, also for more than `most` points."""
     with _open_text(path) as file:
         header, lines = _split(_lines(file))
         first = next(lines, None)
@@ -83,7 +83,7 @@ def read_table(path: Path, most: int) -> Points:
 
 
 def looks_like_table(path: Path) -> bool:
-    """Whether a file begins as a table of points. Raises OSError where it cannot be read."""
+    """Whether a file begins like a table of points. Raises OSError if it cannot be read."""
     try:
         with _open_text(path) as file:
             return next(_split(_lines(file))[1], None) is not None
@@ -92,19 +92,19 @@ def looks_like_table(path: Path) -> bool:
 
 
 def _words(header: list[str]) -> list[str]:
-    """The lines of a header that are no counts."""
+    """The lines of a header except counts."""
     return [line for line in header if not line.isdigit()]
 
 
 class _Counts:
-    """The counts of rows that a .pts file writes before them, and what is there."""
+    """The counts of rows that a .pts file writes before each block, compared with the rows found."""
 
     def __init__(self, header: list[str], most: int) -> None:
         self.declared = [declared_count(line) for line in header if line.isdigit()]
         self.most = most
 
     def rows(self, lines: Iterable[str]) -> Iterator[str]:
-        """The lines without counts of further rows, at most as many as may be read."""
+        """Yield the lines without the counts of further blocks. Raises beyond the most rows."""
         found = 0
         for line in lines:
             if self.declared and line.isdigit():
@@ -115,15 +115,16 @@ class _Counts:
             yield line
 
     def check(self, found: int) -> None:
-        """Raise ValueError unless one count, or all of them, tell how many rows there are."""
+        """Raise ValueError unless the last count, or the sum of all, equals the number of rows."""
         if self.declared and found not in (self.declared[-1], sum(self.declared)):
             raise ValueError(f"found {found} of the {sum(self.declared)} points that it declares")
 
 
 class _Vertices:
-    """The row of whole numbers that OFF writes before its vertices: how many there are, of faces and of edges.
+    """The row of whole numbers that OFF writes before its vertices: the numbers of vertices, faces and edges.
 
-    It is taken from `sample`, and OFF from `header`, where they begin so. Without OFF as many rows must follow.
+    It is removed from `sample`, and the word OFF from `header`, if they begin with them. Without the word, the row
+    only counts as such if that many rows follow.
     """
 
     def __init__(self, sample: list[str], header: list[str]) -> None:
@@ -136,11 +137,11 @@ class _Vertices:
             del sample[0], header[: int(self.sure)]
 
     def rows(self, lines: Iterable[str]) -> Iterable[str]:
-        """The lines of the vertices."""
+        """Yield the lines of the vertices."""
         return itertools.islice(lines, self.first[0]) if self.sure and self.first else lines
 
     def checked(self, points: Points, layout: _Layout) -> Points:
-        """The points, with the first row where that is one after all."""
+        """Return the points. Include the first row if it turned out to be a point."""
         if not self.first or len(points) == self.first[0]:
             return points
         if self.sure:
@@ -160,7 +161,7 @@ def _open_text(path: Path) -> IO[str]:
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
-    """The lines that are not empty, without white space around them."""
+    """Yield the lines that are not empty, without surrounding white space."""
     while line := file.readline(LONGEST_LINE):
         if _LISTS.match(line):
             raise ValueError("found all points in one line, expected a line for each; write each one in a line")
@@ -172,7 +173,7 @@ def _lines(file: IO[str]) -> Iterator[str]:
 
 
 def _split(lines: Iterator[str]) -> tuple[list[str], Iterator[str]]:
-    """The lines of the header, comments among them, and the rows without comments."""
+    """Split lines into the header, with comments, and the rows, without comments."""
     header: list[str] = []
     for line in lines:
         bare = _without_comment(line)
@@ -192,14 +193,14 @@ def _without_comment(line: str) -> str:
 
 
 def _is_row(line: str) -> bool:
-    """Whether a line holds numbers and no count of rows: three of them, or fewer and nothing else."""
+    """Whether a line is a row of numbers rather than a count: it has three of them, or fewer and nothing else."""
     if line.isdigit():
         return False
     return _delimiter(line) is not False or (len(line.split()) == 2 and all(map(_is_number, line.split(), [None] * 2)))
 
 
 def _delimiter(line: str) -> str | bool | None:
-    """What stands between the fields of a row: that which gives numbers alone, or at least three; else False."""
+    """The delimiter of a row's fields: one that gives only numbers, or at least three; else False."""
     found: str | bool | None = False
     for delimiter in _DELIMITERS:
         words = _without_empty_end(fields(line, delimiter))
@@ -224,7 +225,7 @@ def _is_number(word: str, delimiter: str | None) -> bool:
 
 
 def _layout(first: str, header: list[str], path: Path) -> _Layout:
-    """The layout of the rows by the first one and the header. Raises ValueError where they do not go together."""
+    """Determine the layout from the first row and the header. Raises ValueError if they contradict each other."""
     delimiter = _delimiter(first)
     if isinstance(delimiter, bool):
         raise ValueError(f"found {len(first.split())} columns, expected x, y and z, in the row {first[:40]!r}")
@@ -244,7 +245,7 @@ def _layout(first: str, header: list[str], path: Path) -> _Layout:
 
 
 def _columns(names: list[str], width: int) -> list[int] | None:
-    """Which columns a header names x, y and z; None where it does not. Raises ValueError for some of them."""
+    """The columns that a header names x, y and z, or None. Raises ValueError if it names only some of them."""
     plain = [_AFTER_NAME.sub("", name.strip(" \t\"'").lower()) for name in names]
     for pattern in _AXES:
         axes = [match[match.lastindex or 0] if (match := pattern.fullmatch(name)) else "" for name in plain]
@@ -260,10 +261,10 @@ def _columns(names: list[str], width: int) -> list[int] | None:
 
 
 def _shift(names: list[str], columns: list[int], words: list[str], width: int, delimiter: str | None) -> int:
-    """How many columns without a name come before those that the header names."""
+    """The number of unnamed columns before those that the header names."""
     named = len(_without_empty_end(names))
     if width == named + 1 and (words[0].strip().startswith('"') or _is_index(words)):
-        return 1  # the names of rows, as R writes them
+        return 1  # a column of row names, as R writes it
     if width != named and (columns != [0, 1, 2] or (delimiter == "," and width == 2 * named)):
         reason = "; decimal commas need semicolons or tabs between the columns" if width == 2 * named else ""
         raise ValueError(f"found {width} values in the first row, but {named} names in the header{reason}")
@@ -281,7 +282,7 @@ def _counts_columns(sample: list[str]) -> bool:
 
 
 def _check_commas(sample: list[str], layout: _Layout) -> None:
-    """Raise ValueError where commas stand both between numbers and in them, so that 0,5,-0,25,1,0 has six columns."""
+    """Raise ValueError if commas both separate numbers and occur in them, as in 0,5,-0,25,1,0."""
     if layout.delimiter != "," or layout.width % 2 or layout.width < 6 or any("." in line for line in sample):
         return
     if any(re.search(r"(^|,)\s*-0\s*,|,0[0-9]+\s*(,|$)", line) for line in sample):

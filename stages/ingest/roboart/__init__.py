@@ -1,4 +1,4 @@
-"""Dataset `roboart`: sequences with ground truth, built from robot descriptions (the supplement's C)."""
+"""Data set `roboart`: sequences with ground truth, built from robot descriptions (supplement C)."""
 
 from stages.ingest.roboart.builder import build_from_urdf
 from stages.ingest.roboart.catalogue import robot_kind, robot_names, robot_split

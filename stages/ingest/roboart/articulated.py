@@ -1,4 +1,4 @@
-"""A robot as parts that joints move: what sequences are built of, and what the flow network is trained on."""
+"""A robot as rigid parts that joints move, for building sequences and for training the flow network."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Poses = Float64[np.ndarray, "states parts 4 4"]
 
 @dataclass(frozen=True)
 class ArticulatedRobot:
-    """A description, its rigid parts, their surface, and the joints' ranges and positions at rest."""
+    """A robot's description, its rigid parts, their surface, and the joints' ranges and rest positions."""
 
     robot: Robot
     parts: Parts
@@ -34,10 +34,10 @@ class ArticulatedRobot:
 
     @classmethod
     def read(cls, urdf_path: Path, mesh_dirs: Sequence[Path], config: RoboartConfig) -> Self:
-        """From a URDF; links with less than `config.min_part_share` of the surface join their parents.
+        """Read a URDF. Links with less than `config.min_part_share` of the surface join their parents.
 
-        Raises InputError for a description that cannot be read, lacks a mesh or has one beyond `config.max_mesh_mib`,
-        or has no joint that moves a visible part.
+        Raises InputError for a description that cannot be read, that lacks a mesh or has one beyond
+        `config.max_mesh_mib`, or that has no joint that moves a visible part.
         """
         robot = read_urdf(urdf_path)
         ranges = drive_ranges(robot)
@@ -62,22 +62,22 @@ class ArticulatedRobot:
 
     @cached_property
     def drives(self) -> Int64[np.ndarray, "drives"]:
-        """The joints between parts that mimic no other."""
+        """The joints between parts, except those that mimic another joint."""
         return np.array([j for j in np.flatnonzero(self.moving) if self.robot.joints[j].mimic is None])
 
     def follow(self, positions: Positions) -> Positions:
-        """Rows of joint positions with those that mimic others in their places."""
+        """Set the mimic joints in rows of joint positions to the values that follow from the others."""
         return follow(self.robot, positions, self.moving)
 
     def poses(self, positions: Positions) -> Poses:
-        """Each part's frame in the base's for rows of joint positions."""
+        """Each part's frame in the base's frame, for rows of joint positions."""
         return forward_kinematics(self.robot, positions)[:, self.parts.link]
 
 
 def _part_surface(
     robot: Robot, parts: Parts, triangles: list[np.ndarray], rest: Float64[np.ndarray, "joints"]
 ) -> Surface:
-    """The links' surfaces joined, each in its part's frame; joints within a part are at rest for good."""
+    """Join the links' surfaces, each in its part's frame. Joints within a part stay at rest."""
     Ts_base_link = forward_kinematics(robot, rest[None])[0]
     Ts_part_link = np.linalg.inv(Ts_base_link[parts.link[parts.part_of_link]]) @ Ts_base_link
     counts = [len(piece) for piece in triangles]

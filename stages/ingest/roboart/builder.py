@@ -1,7 +1,7 @@
-"""A sequence with ground truth from a robot description (the supplement's C).
+"""Building of a sequence with ground truth from a robot description (supplement C).
 
-Every active joint of the robot moves by a seeded draw while the base stands still, unless it is free, and
-each frame is sampled on its own from the posed surface or what is visible of it.
+A seeded draw moves every active joint of the robot. The base is at rest unless it is free. Each frame is sampled
+independently from the posed surface, or from its visible portion.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from schemas.config import RoboartConfig
+from schemas.joints import JointKind
 from schemas.sequence import TrueJoint
 from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
 from stages.ingest.roboart.motion import Positions, draw_base_motion, draw_sweep, draw_unseen, search
@@ -20,11 +21,11 @@ from stages.ingest.roboart.parts import Parts
 from stages.ingest.roboart.penetration import penetration_score
 from stages.ingest.roboart.sensor import draw_viewpoints, posed_triangles, sample_posed, sample_visible
 from stages.ingest.roboart.surface import Surface
-from stages.ingest.roboart.urdf import JointKind, Robot
+from stages.ingest.roboart.urdf import Robot
 from stages.ingest.truth import RawTruth
 
 Frames = list[Float64[np.ndarray, "points 3"]]
-# kind of joint, its limits, settings and randomness to its positions, (frames,)
+# (kind of joint, limits, settings, generator) -> positions (frames,)
 Sweep = Callable[[JointKind, Float64[np.ndarray, "2"], RoboartConfig, np.random.Generator], np.ndarray]
 
 
@@ -35,12 +36,12 @@ def build_from_urdf(
     rng: np.random.Generator,
     sweep: Sweep = draw_sweep,
 ) -> tuple[Frames, RawTruth]:
-    """A sequence of any robot with a URDF, in metres and its base link's first frame, and its ground truth.
+    """Build a sequence of any robot with a URDF, in metres and in its base link's first frame, with ground truth.
 
-    `mesh_dirs` are where package:// names are looked up; `sweep` draws one joint's positions. The states of
-    `RawTruth.joints` are relative: each frame's joint position minus the one in frame 0, so that a joint turns or moves
-    its child by `states[t]` between frame 0 and frame t. Raises InputError for a description that cannot be read, lacks
-    a mesh, or has no joint that moves a visible part.
+    `mesh_dirs` are the folders for package:// names. `sweep` draws one joint's positions. The states of
+    `RawTruth.joints` are joint positions relative to frame 0, so a joint turns or moves its child by `states[t]`
+    between frame 0 and frame t. Raises InputError for a description that cannot be read, that lacks a mesh, or that has
+    no joint that moves a visible part.
     """
     articulated = ArticulatedRobot.read(urdf_path, mesh_dirs, config)
     robot, parts, surface = articulated.robot, articulated.parts, articulated.surface
@@ -63,7 +64,7 @@ def build_from_urdf(
 def _sample(
     surface: Surface, Ts_world_part: Poses, config: RoboartConfig, rng: np.random.Generator
 ) -> tuple[Frames, list[Int64[np.ndarray, "points"]]]:
-    """Each frame's points and their parts, as the sensor that `config` asks for sees them."""
+    """Sample each frame's points and their parts, by the sensor that `config` specifies."""
     if config.viewpoints:
         p_viewpoints = draw_viewpoints(config.viewpoints, *_centre_and_diagonal(surface, Ts_world_part), rng)
         sampled = [sample_visible(surface, Ts, p_viewpoints, config.points, rng) for Ts in Ts_world_part]
@@ -79,7 +80,7 @@ def _sample(
 def _free_base(
     surface: Surface, Ts_world_part: Poses, Ts_world_unseen: Poses, rng: np.random.Generator
 ) -> tuple[Poses, Poses]:
-    """The parts' poses in the frames and in the unseen states, with the whole carried along a smooth path."""
+    """Move the whole along a smooth path: the parts' poses in the frames and in the unseen states."""
     frames = len(Ts_world_part)
     path = np.concatenate([np.linspace(0, 1, frames), rng.random(len(Ts_world_unseen))])
     Ts_world_base = draw_base_motion(path, *_centre_and_diagonal(surface, Ts_world_part[:1]), rng)[:, None]
@@ -87,7 +88,7 @@ def _free_base(
 
 
 def _centre_and_diagonal(surface: Surface, Ts_world_part: Poses) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Of the box around the surface in all the given states."""
+    """The centre and diagonal of the bounding box of the surface over all given states."""
     posed = [posed_triangles(surface, Ts).reshape(-1, 3) for Ts in Ts_world_part]
     low = np.min([corners.min(axis=0) for corners in posed], axis=0)
     high = np.max([corners.max(axis=0) for corners in posed], axis=0)
@@ -97,7 +98,7 @@ def _centre_and_diagonal(surface: Surface, Ts_world_part: Poses) -> tuple[Float6
 def joint_motion(
     articulated: ArticulatedRobot, config: RoboartConfig, rng: np.random.Generator, sweep: Sweep = draw_sweep
 ) -> tuple[Positions, Positions]:
-    """Joint positions of the frames, drawn by `sweep`, and of the unseen states."""
+    """Draw joint positions of the frames, by `sweep`, and of the unseen states."""
     robot, ranges, rest = articulated.robot, articulated.ranges, articulated.rest
     score = penetration_score(articulated.surface, articulated.poses(rest[None])[0], rng)
 
@@ -122,7 +123,7 @@ def joint_motion(
 
 
 def _largest_links(parts: Parts, link_area: Float64[np.ndarray, "links"]) -> list[int]:
-    """The link with the most surface of each part: what a reader would call the part."""
+    """The link with the largest surface of each part, after which a reader would name the part."""
     return [
         int(max(np.flatnonzero(parts.part_of_link == part), key=lambda link: link_area[link]))
         for part in range(len(parts.link))
@@ -132,7 +133,7 @@ def _largest_links(parts: Parts, link_area: Float64[np.ndarray, "links"]) -> lis
 def _true_joints(
     robot: Robot, parts: Parts, positions: Positions, Ts_world_part: Float64[np.ndarray, "parts 4 4"]
 ) -> tuple[TrueJoint, ...]:
-    """The joints that move parts, where `Ts_world_part` puts them in frame 0."""
+    """The joints that move parts, posed in frame 0 by `Ts_world_part`."""
     found = []
     for part in range(1, len(parts.link)):
         index = int(parts.joint[part])
@@ -142,7 +143,7 @@ def _true_joints(
                 name=joint.name,
                 parent=int(parts.parent[part]),
                 child=part,
-                type="prismatic" if joint.kind == "prismatic" else "revolute",
+                type=joint.kind.name,
                 axis=tuple((T_world_joint[:3, :3] @ joint.axis).tolist()),
                 point=tuple(T_world_joint[:3, 3].tolist()),
                 states=tuple((positions[:, index] - positions[0, index]).tolist()),

@@ -1,4 +1,4 @@
-"""The 18 robots of the data set: their types, their split, and who publishes their descriptions."""
+"""The 18 robots of the data set: their types, their split, and the sources of their descriptions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Split = Literal["train", "validation", "test"]
 
 @dataclass(frozen=True)
 class Package:
-    """A URDF that a PyPI package ships; package:// names start where `urdf` does."""
+    """A URDF in a PyPI package. package:// names are relative to the same folder as `urdf`."""
 
     distribution: str
     urdf: str
@@ -21,10 +21,10 @@ class Package:
 
 @dataclass(frozen=True)
 class RobotEntry:
-    """A robot's type (Table 3) and split (Table 4), and where its description is published.
+    """A robot's type (Table 3) and split (Table 4), and the sources of its description.
 
-    `module` is the robot's name in robot_descriptions, which clones its repository; `homepage` is where a
-    person finds what neither that nor a package has.
+    `module` is the robot's name in robot_descriptions, which clones its repository. `homepage` has the descriptions
+    that neither that nor a package provides.
     """
 
     kind: RobotKind
@@ -70,7 +70,7 @@ def robot_names() -> list[str]:
 
 
 def robot_entry(name: str) -> RobotEntry:
-    """What the catalogue tells of a robot. Raises InputError for an unknown name."""
+    """The catalogue's entry of a robot. Raises InputError for an unknown name."""
     if name not in ROBOTS:
         raise InputError(f"robot {name!r}: not known, expected one of {', '.join(robot_names())}; check the spelling")
     return ROBOTS[name]

@@ -1,4 +1,4 @@
-"""Robot descriptions from public repositories, which robot_descriptions clones into its cache."""
+"""Robot descriptions from public repositories, cloned by robot_descriptions into its cache."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HOST = ("github.com", 443)
 CONNECT_SECONDS = 3.0
 CLONE_SECONDS = 900.0
 
-# importing a description clones its repository, and prints meanwhile: in a process of its own, the answer last
+# importing a description clones its repository and prints; so it runs in a separate process and prints the answer last
 _PROGRAM = (
     "import importlib, json, sys; found = importlib.import_module(sys.argv[1]); "
     "print(json.dumps([found.URDF_PATH, found.PACKAGE_PATH]))"
@@ -26,14 +26,14 @@ _PROGRAM = (
 
 
 class CloneError(Exception):
-    """A description cannot be cloned; the message says why in a few words."""
+    """A description cannot be cloned. The message gives the reason in a few words."""
 
 
 def clone_description(module: str) -> tuple[Path, tuple[Path, ...]]:
-    """The URDF file and the mesh folders of a description, cloned on first use.
+    """The URDF file and the mesh folders of a description, which is cloned on first use.
 
-    Raises CloneError where robot_descriptions is missing, or its host cannot be reached within seconds and
-    no earlier clone is there.
+    Raises CloneError if robot_descriptions is not installed, or if there is no earlier clone and the host cannot be
+    reached within seconds.
     """
     if util.find_spec(LIBRARY) is None:
         raise CloneError(f"the package {LIBRARY}, which clones it, is not installed")
@@ -55,7 +55,7 @@ def clone_description(module: str) -> tuple[Path, tuple[Path, ...]]:
 
 @cache
 def _online() -> bool:
-    """Whether the host, or the proxy that leads to it, takes connections: git itself would wait for minutes."""
+    """Whether the host, or the proxy to it, accepts connections. git itself would wait for minutes."""
     proxy = urlsplit(getproxies().get("https", ""))
     address = (proxy.hostname, proxy.port or HOST[1]) if proxy.hostname else HOST
     try:

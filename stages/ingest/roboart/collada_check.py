@@ -1,4 +1,4 @@
-"""What a COLLADA file unfolds to: a few lines of it can stand for any amount of memory."""
+"""A check of the size to which a COLLADA file unfolds. A few lines can expand to any amount of memory."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 
 def check_collada(content: bytes, most: int) -> None:
-    """Raises ValueError for a file that declares a document type, or unfolds to more than `most` characters of indices.
+    """Raise ValueError for a file that declares a document type, or unfolds to more than `most` characters of indices.
 
-    Raises ElementTree.ParseError for what is not XML, such as an archive.
+    Raises ElementTree.ParseError for a file that is not XML, such as an archive.
     """
     survey = _Survey()
     parser = ElementTree.XMLParser(target=survey)
@@ -24,16 +24,16 @@ def check_collada(content: bytes, most: int) -> None:
 
 @dataclass(eq=False)
 class _Piece:
-    """A geometry, a node, or the whole: the characters of its own indices, what is in it, and what it names."""
+    """A geometry, a node, or the whole: the characters of its own indices, its nested pieces, and its references."""
 
-    characters: int = 1  # an empty one costs time, too
+    characters: int = 1  # an empty piece costs time, too
     inside: list[_Piece] = field(default_factory=list)
     named: list[str] = field(default_factory=list)
     unfolded: int = -1
 
 
 class _Survey:
-    """Takes elements from an XML parser, and keeps nothing of them but their sizes."""
+    """The target of an XML parser, which keeps only the sizes of elements."""
 
     def __init__(self) -> None:
         self.whole = _Piece()
@@ -74,12 +74,12 @@ class _Survey:
             self.corners += sum(map(abs, counts))
 
     def close(self) -> None:
-        """The parser's last word."""
+        """Finish, as an XML parser's target must."""
 
     def unfolded(self, piece: _Piece) -> int:
-        """The characters of a piece and of all that it repeats, each time anew."""
+        """The characters of a piece and of all nested and referenced pieces, counted at every repetition."""
         if piece.unfolded < 0:
-            piece.unfolded = 0  # where it repeats itself
+            piece.unfolded = 0  # if it refers to itself
             repeated = [*piece.inside, *(found for name in piece.named for found in self.by_name.get(name, ()))]
             piece.unfolded = piece.characters + sum(self.unfolded(one) for one in repeated)
         return piece.unfolded

@@ -1,6 +1,6 @@
-"""Where a robot's description lies: in the user's folder, in a PyPI package, or in a repository to clone.
+"""Location of a robot's description: in the user's folder, in a PyPI package, or in a repository to clone.
 
-Nothing here loads a mesh, so that digests are cheap.
+Nothing here loads a mesh, so digests are cheap.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from stages.ingest.roboart.clones import CloneError, clone_description
 from stages.ingest.roboart.mesh_files import mesh_references, resolve_mesh
 
 ASSETS_VARIABLE = "REART_ASSETS"
-BLOCK = 2**20  # bytes of a mesh that are held at a time, whatever its size
-FOLDERS_UP = 4  # of a user's URDF that package:// names may start in
+BLOCK = 2**20  # bytes of a mesh in memory at a time
+FOLDERS_UP = 4  # folders above a user's URDF that are searched for package:// names
 
 
 @dataclass(frozen=True)
 class Description:
-    """A URDF file, and the folders in which its package:// names are looked up."""
+    """A URDF file and the folders of its package:// names."""
 
     urdf_path: Path
     mesh_dirs: tuple[Path, ...]
 
 
 def robot_description(name: str, assets: Path | None = None) -> Description:
-    """A robot's description from the first source that has it: NAME/NAME.urdf in `assets`, a package, a clone.
+    """Find a robot's description in the first source that has it: NAME/NAME.urdf in `assets`, a package, a clone.
 
-    Raises InputError for an unknown name, and UnavailableError, which tells how to get it, where no source has it.
+    Raises InputError for an unknown name. Raises UnavailableError, which says how to get it, if no source has it.
     """
     entry = robot_entry(name)
     tried, remedies = [], []
@@ -60,11 +60,11 @@ def robot_description(name: str, assets: Path | None = None) -> Description:
 
 
 def own_descriptions(path: Path) -> list[tuple[str, Description]]:
-    """The descriptions in a user's folder by name: its .urdf files, and those one level down, each in natural order.
+    """List the descriptions in a user's folder: its .urdf files, and those one level below, each in natural order.
 
-    A sub-folder that holds one gives it its name, as in 100129/mobility.urdf; one of several is FOLDER-FILE. One
-    that cannot be listed stands for a description that cannot be read. `path` may be a URDF file, too. Raises
-    InputError where there is none, or `path` cannot be listed.
+    The only .urdf of a sub-folder is named after it (100129/mobility.urdf is 100129); several are named FOLDER-FILE. A
+    sub-folder that cannot be listed counts as a description that cannot be read. `path` may also be a URDF file. Raises
+    InputError if there is no description, or if `path` cannot be listed.
     """
     if path.is_file():
         return [(path.stem, _own(path))]
@@ -73,7 +73,7 @@ def own_descriptions(path: Path) -> list[tuple[str, Description]]:
         try:
             files = _urdfs(folder)
         except InputError:
-            files = [folder]  # reading it tells what is wrong
+            files = [folder]  # reading it reports the error
         found += [(folder.name if len(files) == 1 else f"{folder.name}-{file.stem}", _own(file)) for file in files]
     if not found:
         raise InputError(
@@ -85,7 +85,7 @@ def own_descriptions(path: Path) -> list[tuple[str, Description]]:
 def description_digest(found: Description) -> str:
     """SHA-256 (hex) over a URDF and every mesh file that it references.
 
-    Raises InputError for a URDF that is not XML, or lacks a mesh file, or where one of them cannot be read.
+    Raises InputError for a URDF that is not XML or lacks a mesh file, and for a file that cannot be read.
     """
     references = mesh_references(found.urdf_path)
     try:

@@ -1,4 +1,4 @@
-"""The XML of a URDF, which mesh files it names, and where they are."""
+"""The XML of a URDF, and the mesh files that it references."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ MOST_URDF_MIB = 64
 
 
 class WithoutDoctype(ElementTree.TreeBuilder):
-    """Builds a tree, but of a document that declares a type: its entities may stand for any amount of text."""
+    """A tree builder that refuses document type declarations, whose entities may expand to any amount of text."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         raise ValueError("found a document type declaration, <!DOCTYPE>, expected none")
 
 
 def read_xml(urdf_path: Path) -> ElementTree.Element:
-    """The root element of a URDF. Raises InputError where it is missing, too large or not well-formed."""
+    """Read the root element of a URDF. Raises InputError if the file is missing, too large or not well-formed."""
     try:
         size = urdf_path.stat().st_size
         if size > MOST_URDF_MIB * 2**20:
@@ -33,16 +33,16 @@ def read_xml(urdf_path: Path) -> ElementTree.Element:
 def mesh_references(urdf_path: Path) -> list[str]:
     """The mesh file names of a URDF as written there, without repeats, in alphabetical order.
 
-    A mesh without one is left to `check_urdf`, which tells its link.
+    `check_urdf` reports a mesh without a file name, with its link.
     """
     return sorted({name for mesh in read_xml(urdf_path).iter("mesh") if (name := mesh.get("filename"))})
 
 
 def resolve_mesh(reference: str, urdf_path: Path, mesh_dirs: Sequence[Path]) -> Path:
-    """The file that a mesh reference stands for.
+    """Resolve a mesh reference to a file.
 
-    `package://NAME/REST` is NAME/REST in one of `mesh_dirs`; other names are relative to the URDF.
-    Raises InputError where there is no such file.
+    `package://NAME/REST` is NAME/REST in one of `mesh_dirs`. Other names are relative to the URDF. Raises InputError if
+    there is no such file.
     """
     scheme, separator, rest = reference.partition("://")
     if separator and scheme == "package":
@@ -50,7 +50,7 @@ def resolve_mesh(reference: str, urdf_path: Path, mesh_dirs: Sequence[Path]) -> 
     else:
         candidates = [urdf_path.parent / (rest if separator else reference)]
     for path in candidates:
-        if os.path.isfile(path):  # unlike Path.is_file it takes a name that no file can have for one that is not there
+        if os.path.isfile(path):  # unlike Path.is_file, returns False for impossible names
             return path
     looked = " or ".join(str(path) for path in candidates) or "no folder, as none was given"
     raise InputError(f"{urdf_path}: mesh {quoted(reference)} not found, looked for {looked}; restore that file")

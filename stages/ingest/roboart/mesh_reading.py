@@ -1,4 +1,4 @@
-"""Mesh files as plain triangles, with bounds on what a file may ask for."""
+"""Mesh files as plain triangles, with bounds on their size."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from stages.ingest.roboart.urdf_check import GREATEST_METRES
 
 Triangles = Float64[np.ndarray, "triangles 3 3"]
 
-FORMATS = (".stl", ".obj", ".dae", ".ply")  # others are archives, or refer to further files
+FORMATS = (".stl", ".obj", ".dae", ".ply")  # other formats are archives, or refer to further files
 PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
 PLY_HEADER_END = b"end_header"
 
 
 def read_mesh(path: Path, reference: str, urdf_path: Path, max_mib: float) -> Triangles:
-    """A mesh file's triangles in metres, from that file alone: no texture or material is looked for.
+    """Read a mesh file's triangles in metres. Only this file is read, without textures and materials.
 
-    A .dae's up-axis is ignored, as in ROS: URDFs count on that. Raises InputError, which names the URDF and the mesh,
-    for another format, more than `max_mib`, and what cannot be read or holds no finite triangles.
+    A .dae's up-axis is ignored, as in ROS, since URDFs rely on that. Raises InputError, which names the URDF and the
+    mesh, for another format, for more than `max_mib`, and for a file that cannot be read or has no finite triangles.
     """
     where = f"{urdf_path}: mesh {quoted(reference)}"
     suffix = path.suffix.lower()
@@ -42,7 +42,7 @@ def read_mesh(path: Path, reference: str, urdf_path: Path, max_mib: float) -> Tr
         if suffix == ".ply":
             _check_ply(content)
         triangles = _triangles(trimesh, content, suffix)
-    except Exception as error:  # each format's reader has its own errors
+    except Exception as error:  # each format's reader raises its own errors
         raise InputError(f"{where}: {path} cannot be read as a mesh ({error!r:.300}); restore that file") from error
     if triangles.size == 0:
         raise InputError(f"{where}: found no triangles in {path}, expected a surface mesh; restore that file")
@@ -50,7 +50,7 @@ def read_mesh(path: Path, reference: str, urdf_path: Path, max_mib: float) -> Tr
 
 
 def _content(path: Path, most: int, where: str) -> bytes:
-    """The file's bytes. Raises InputError where it cannot be read, and for more than `most`."""
+    """Read a file's bytes. Raises InputError if it cannot be read, or has more than `most`."""
     try:
         with path.open("rb") as file:
             content = file.read(most + 1)
@@ -65,7 +65,7 @@ def _content(path: Path, most: int, where: str) -> bytes:
 
 
 def _check_ply(content: bytes) -> None:
-    """Raises ValueError where the header declares more elements than the file has bytes."""
+    """Raise ValueError if the header declares more elements than the file has bytes."""
     header = content.partition(PLY_HEADER_END)[0]
     for count in map(int, PLY_ELEMENT.findall(header)):
         if count > len(content):
@@ -73,9 +73,9 @@ def _check_ply(content: bytes) -> None:
 
 
 def _triangles(trimesh: Any, content: bytes, suffix: str) -> Triangles:
-    """By trimesh, which drops what is not finite without a word where it is not looked at first."""
+    """Read the triangles by trimesh. It silently drops numbers that are not finite, so they are checked first."""
     file_type = suffix.removeprefix(".")
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it logs whole tracebacks; what matters it raises
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it logs whole tracebacks, and also raises the errors
     with np.errstate(all="ignore"):
         scene = trimesh.load_scene(io.BytesIO(content), file_type=file_type, skip_materials=True, process=False)
         for geometry in scene.geometry.values():
@@ -97,7 +97,7 @@ def _check_numbers(p: np.ndarray) -> None:
 
 
 def _without_doubles(triangles: Triangles) -> Triangles:
-    """Triangles that differ, whatever their winding: two-sided meshes hold each one twice."""
+    """Remove repeated triangles, of any winding, since two-sided meshes hold each one twice."""
     corners = triangles.round(7)
     order = np.lexsort((corners[..., 2], corners[..., 1], corners[..., 0]), axis=-1)
     corners = np.take_along_axis(corners, order[..., None], axis=1)

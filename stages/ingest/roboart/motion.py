@@ -1,4 +1,4 @@
-"""How the joints move over a sequence: seeded draws within the limits, the least penetrating one kept."""
+"""Motion of the joints over a sequence: seeded draws within the limits, of which the least penetrating is used."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.spatial.transform import Rotation
 
 from schemas.config import RoboartConfig
-from stages.ingest.roboart.urdf import JointKind, Robot
+from schemas.joints import FIXED, PRISMATIC, REVOLUTE, JointKind
+from stages.ingest.roboart.urdf import Robot
 
-# joints with less play than this are held: nobody could see them move
-LEAST_RANGE = {"fixed": np.inf, "revolute": np.radians(5.0), "prismatic": 1e-3}
-# a sweep leaves some of the range between the limits unused
+# joints with a smaller range are held, since their motion could not be observed
+LEAST_RANGE = {FIXED: np.inf, REVOLUTE: np.radians(5.0), PRISMATIC: 1e-3}
+# a sweep uses only a share of the range between the limits
 LARGEST_SHARE_OF_RANGE = 0.9
 PRISMATIC_SHARE_OF_RANGE = (0.7, 0.9)
-# two successive steps of a joint differ by this much at most, as a share of their mean
+# successive steps of a joint differ by at most this share of their mean
 STEP_SPREAD = 0.3
-# unseen states may lie this much, as a share of the swept range, beyond it on either side
+# unseen states may lie beyond the swept range by this share of it, on either side
 NOVEL_MARGIN = 0.25
-# a free base turns and shifts so much in all (the shift in diagonals), on a path bent by this share of either
+# total turn and shift (in diagonals) of a free base, and the bend of its path as a share of either
 BASE_TURN_DEGREES = (20.0, 40.0)
 BASE_SHIFT = (0.1, 0.25)
 BASE_BEND = 0.5
-# the search for a motion without penetration: draws of all joints, then of one joint at a time
+# search for a motion without penetration: draws of all joints, then redraws of one joint at a time
 WHOLE_DRAWS = 6
 SINGLE_REDRAWS = 40
 GOOD_ENOUGH = 0.05
@@ -35,7 +36,7 @@ Positions = Float64[np.ndarray, "states joints"]
 def drive_ranges(robot: Robot) -> Float64[np.ndarray, "joints 2"]:
     """The range of each joint (radians, metres) in which it and all joints that mimic it keep their limits.
 
-    Revolute joints stay within a quarter turn of the rest pose, where a robot looks like itself.
+    Revolute joints stay within a quarter turn of the rest pose, so that a robot keeps its typical look.
     """
     ranges = np.array([[joint.lower, joint.upper] for joint in robot.joints]).reshape(-1, 2)
     for joint in robot.joints:
@@ -45,21 +46,21 @@ def drive_ranges(robot: Robot) -> Float64[np.ndarray, "joints 2"]:
         lead = ranges[joint.mimic.joint]
         lead[:] = max(lead[0], ends.min()), min(lead[1], ends.max())
     rest = _rest(ranges)
-    revolute = np.array([joint.kind == "revolute" for joint in robot.joints], dtype=bool)
+    revolute = np.array([joint.kind == REVOLUTE for joint in robot.joints], dtype=bool)
     ranges[revolute, 0] = np.maximum(ranges[revolute, 0], rest[revolute] - np.pi / 2)
     ranges[revolute, 1] = np.minimum(ranges[revolute, 1], rest[revolute] + np.pi / 2)
     return ranges
 
 
 def movable_joints(robot: Robot, ranges: Float64[np.ndarray, "joints 2"]) -> Bool[np.ndarray, "joints"]:
-    """Which joints have enough range to move."""
+    """Which joints have a range large enough to move."""
     least = np.array([LEAST_RANGE[joint.kind] for joint in robot.joints])
     still = [joint.mimic is not None and joint.mimic.multiplier == 0 for joint in robot.joints]
     return (ranges[:, 1] - ranges[:, 0] >= least) & ~np.array(still, dtype=bool)
 
 
 def rest_positions(robot: Robot, ranges: Float64[np.ndarray, "joints 2"]) -> Float64[np.ndarray, "joints"]:
-    """Where joints are held: at zero, or amid their range where zero is outside; mimic joints follow."""
+    """The rest positions: zero, or the middle of the range if that excludes zero. Mimic joints follow."""
     return follow(robot, _rest(ranges)[None], np.ones(len(ranges), dtype=bool))[0]
 
 
@@ -69,7 +70,7 @@ def _rest(ranges: Float64[np.ndarray, "joints 2"]) -> Float64[np.ndarray, "joint
 
 
 def follow(robot: Robot, positions: Positions, moving: Bool[np.ndarray, "joints"]) -> Positions:
-    """`positions` with those of moving mimic joints set by their leading joint's."""
+    """Set the positions of moving mimic joints from those of their leading joints."""
     followed = positions.copy()
     for index, joint in enumerate(robot.joints):
         if joint.mimic is not None and moving[index]:
@@ -80,13 +81,13 @@ def follow(robot: Robot, positions: Positions, moving: Bool[np.ndarray, "joints"
 def draw_sweep(
     kind: JointKind, limits: Float64[np.ndarray, "2"], config: RoboartConfig, rng: np.random.Generator
 ) -> Float64[np.ndarray, "frames"]:
-    """One joint's positions: monotone, or turning back once in the later half, within the limits."""
+    """Draw one joint's positions within the limits: monotone, or reversing once in the later half."""
     lower, upper = limits
     steps = rng.uniform(1 - STEP_SPREAD, 1 + STEP_SPREAD, config.frames - 1)
     turn = rng.integers(config.frames // 2, config.frames) if rng.random() < 0.5 else config.frames
     steps[turn:] *= -1
     path = np.concatenate([[0.0], np.cumsum(steps)]) * rng.choice([-1.0, 1.0])
-    if kind == "prismatic":
+    if kind == PRISMATIC:
         path *= rng.uniform(*PRISMATIC_SHARE_OF_RANGE) * (upper - lower) / np.ptp(path)
     else:
         path *= np.radians(rng.uniform(*config.sweep_degrees)) / np.abs(steps).sum()
@@ -97,7 +98,7 @@ def draw_sweep(
 def draw_unseen(
     limits: Float64[np.ndarray, "2"], swept: Float64[np.ndarray, "frames"], rng: np.random.Generator
 ) -> Float64[np.ndarray, "1"]:
-    """One position in a joint's swept range or a little beyond it, within the limits."""
+    """Draw one position in a joint's swept range or slightly beyond it, within the limits."""
     margin = NOVEL_MARGIN * np.ptp(swept)
     return rng.uniform(max(limits[0], swept.min() - margin), min(limits[1], swept.max() + margin), size=1)
 
@@ -105,10 +106,10 @@ def draw_unseen(
 def draw_base_motion(
     path: Float64[np.ndarray, "states"], centre: Float64[np.ndarray, "3"], diagonal: float, rng: np.random.Generator
 ) -> Float64[np.ndarray, "states 4 4"]:
-    """A smooth motion of the whole about its centre, at the shares `path` of the way; at 0 it is the identity."""
+    """Draw a smooth motion of the whole about its centre, at the shares `path` of the way. At 0 it is the identity."""
 
     def curve(length: float) -> Float64[np.ndarray, "states 3"]:
-        """A parabola: a straight way of this length, and a detour that is greatest midway."""
+        """A parabola: a straight path of this length, plus a detour that is largest in the middle."""
         straight, detour = rng.normal(size=(2, 3))
         straight *= length / np.linalg.norm(straight)
         detour *= BASE_BEND * length / np.linalg.norm(detour)
@@ -127,9 +128,9 @@ def search(
     columns: Int64[np.ndarray, "drives"],
     rng: np.random.Generator,
 ) -> Positions:
-    """Positions of low cost whose `columns` come from `draw(column)`; the others stay as in `start`.
+    """Search for positions of low cost. Their `columns` come from `draw(column)`; the others stay as in `start`.
 
-    The best of a few whole draws, then redrawn joint by joint while the cost is not low enough.
+    The search takes the best of a few whole draws, then redraws single joints until the cost is low enough.
     """
     candidates = []
     for _ in range(WHOLE_DRAWS):

@@ -1,4 +1,4 @@
-"""From the links of a description to the rigid parts of a sequence."""
+"""Grouping of a description's links to the rigid parts of a sequence."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from stages.ingest.roboart.urdf import Robot
 
 @dataclass(frozen=True)
 class Parts:
-    """Rigid groups of links; part 0 holds the base, and parents come before children.
+    """Rigid groups of links. Part 0 holds the base, and parents come before children.
 
-    `link[p]` is the topmost link of part p, in whose frame the part's surface is given; `joint[p]` is
-    the joint that moves it (-1 for part 0).
+    `link[p]` is the topmost link of part p, whose frame is the part's frame. `joint[p]` is the joint that moves the
+    part (-1 for part 0).
     """
 
     part_of_link: Int64[np.ndarray, "links"]
@@ -25,7 +25,7 @@ class Parts:
 
 
 def top_links(robot: Robot, moving: Bool[np.ndarray, "joints"]) -> Int64[np.ndarray, "links"]:
-    """The topmost link of the rigid group that each link belongs to, when only `moving` joints move."""
+    """The topmost link of each link's rigid group, if only `moving` joints move."""
     top = np.arange(len(robot.links))
     for index, joint in enumerate(robot.joints):
         if not moving[index]:
@@ -41,8 +41,8 @@ def rigid_parts(
 ) -> Parts:
     """Join groups of links with at most `min_share` of the whole surface to their parents, leaves first.
 
-    A small base takes in its largest child instead. Every joint that is left moves one visible part
-    against another. A joint whose leading joint (mimic) is held is held too.
+    A small base absorbs its largest child instead. Every remaining joint moves one visible part relative to another. A
+    mimic joint is held if its leading joint is held.
     """
     moving = movable.copy()
     least = min_share * link_area.sum()
@@ -55,7 +55,7 @@ def rigid_parts(
         children = joints + 1  # joint j moves link j + 1
         small = joints[area[children] <= least]
         if len(small):
-            moving[small[-1]] = False  # the last one has no small group below it
+            moving[small[-1]] = False  # the last one has no small group below
         elif area[0] <= least and len(joints):
             at_base = joints[top[[robot.joints[joint].parent for joint in joints]] == 0]
             moving[at_base[np.argmax(area[at_base + 1])]] = False

@@ -1,4 +1,4 @@
-"""How far rigid parts stick into each other: a cheap score for choosing among poses."""
+"""A cheap score of the penetration of rigid parts, for choosing among poses."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 from stages.ingest.roboart.surface import Surface, sample_triangles
 
-# a part's convex hull is made of its extreme points in so many directions
+# number of directions whose extreme points form a part's convex hull
 DIRECTIONS = 64
 PROBES_PER_PART = 64
-# a point counts as inside when it lies this deep, as a share of the object's diagonal
+# a point counts as inside from this depth on, as a share of the object's diagonal
 DEPTH = 0.02
 
 Poses = Float64[np.ndarray, "states parts 4 4"]
@@ -22,11 +22,11 @@ Poses = Float64[np.ndarray, "states parts 4 4"]
 def penetration_score(
     surface: Surface, Ts_world_rest: Float64[np.ndarray, "parts 4 4"], rng: np.random.Generator
 ) -> Callable[[Poses], float]:
-    """A function that scores poses of the parts: 0 where no two overlap more than at rest.
+    """Make a function that scores poses of the parts. The score is 0 if no two overlap more than at rest.
 
-    It adds up, over pairs of parts, the share of one's surface that lies deep inside the other's convex
-    hull beyond what does so in the rest pose (an axle in its hub belongs to the design), in the worst
-    state. Hulls are coarse: good enough to tell better from worse, not to prove contact.
+    For each pair of parts, it takes the share of one part's surface that lies deep inside the other's convex hull. The
+    share at rest is subtracted, since an axle in its hub belongs to the design. The score is the sum over pairs in the
+    worst state. Hulls are coarse: they rank poses, but do not prove contact.
     """
     triangles = [surface.triangles[surface.part == part] for part in range(len(Ts_world_rest))]
     probes = np.stack([sample_triangles(piece, PROBES_PER_PART, rng)[0] for piece in triangles])
@@ -44,7 +44,7 @@ def penetration_score(
         for part, (planes, low, high) in enumerate(zip(hulls, lows, highs, strict=True)):
             T = Ts_world_part[:, part]
             p_part = (p_world.reshape(states, -1, 3) - T[:, None, :3, 3]) @ T[:, :3, :3]
-            deep = ((p_part > low) & (p_part < high)).all(axis=-1)  # few pass, so that the planes cost little
+            deep = ((p_part > low) & (p_part < high)).all(axis=-1)  # few points pass, so the planes cost little
             deep[deep] = (p_part[deep] @ planes[:, :3].T + planes[:, 3] <= -depth).all(axis=-1)
             shares[:, part] = deep.reshape(states, parts, count).mean(axis=-1)
             shares[:, part, part] = 0.0
@@ -63,11 +63,11 @@ def _moved(Ts: Poses, points: Float64[np.ndarray, "parts points 3"]) -> Float64[
 
 
 def _hull_planes(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "planes 4"]:
-    """Outward normals and offsets of a coarse convex hull: normal . p + offset <= 0 inside."""
+    """Outward normals and offsets of a coarse convex hull. Inside, normal . p + offset <= 0."""
     extreme = np.unique(np.argmax(_directions(DIRECTIONS) @ points.T, axis=1))
     try:
         return ConvexHull(points[extreme]).equations
-    except QhullError:  # a flat part: nothing lies inside it
+    except QhullError:  # nothing lies inside a flat part
         return np.array([[0.0, 0.0, 0.0, np.inf]])
 
 

@@ -1,4 +1,4 @@
-"""What a sensor tells of a posed surface: points on all of it or on what it sees, with or without noise."""
+"""A sensor's samples of a posed surface: points on all of it or on its visible portion."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Points = Float64[np.ndarray, "points 3"]
 Labels = Int64[np.ndarray, "points"]
 Poses = Float64[np.ndarray, "parts 4 4"]
 
-# viewpoints stand around the object, this far from its centre in diagonals, level with it or above
+# viewpoints surround the object at this distance from its centre, in diagonals, level with it or above
 DISTANCE = 1.5
 ELEVATION_DEGREES = (0.0, 50.0)
-# a point is seen when nothing lies nearer along its ray by more than this share of the distance (rays are float32)
+# a point is visible unless something is nearer along its ray by more than this share of the distance (in float32)
 SLACK = 5e-5
 
 
 def sample_posed(surface: Surface, Ts_world_part: Poses, count: int, rng: np.random.Generator) -> tuple[Points, Labels]:
-    """World points spread uniformly by area over the posed surface, and the part of each."""
+    """Sample world points uniformly by area on the posed surface, with the part of each."""
     p_part, chosen = sample_triangles(surface.triangles, count, rng)
     part = surface.part[chosen]
     return (Ts_world_part[part, :3, :3] @ p_part[:, :, None])[..., 0] + Ts_world_part[part, :3, 3], part
@@ -36,10 +36,10 @@ def sample_visible(
     count: int,
     rng: np.random.Generator,
 ) -> tuple[Points, Labels]:
-    """As `sample_posed`, over what is visible from at least one of the viewpoints."""
+    """Sample as `sample_posed` does, but only where at least one of the viewpoints sees the surface."""
     sees = _line_of_sight(posed_triangles(surface, Ts_world_part), p_viewpoints)
     points, labels = np.empty((0, 3)), np.empty(0, dtype=np.int64)
-    while len(points) < count:  # ends, since from outside some of the surface is always visible
+    while len(points) < count:  # this ends, since some of the surface is always visible from outside
         p_world, part = sample_posed(surface, Ts_world_part, 2 * count, rng)
         seen = sees(p_world)
         points, labels = np.concatenate([points, p_world[seen]]), np.concatenate([labels, part[seen]])
@@ -49,7 +49,7 @@ def sample_visible(
 def draw_viewpoints(
     count: int, centre: Float64[np.ndarray, "3"], diagonal: float, rng: np.random.Generator
 ) -> Float64[np.ndarray, "viewpoints 3"]:
-    """Places of standing sensors at even angles around the object (z is up), turned and raised at random."""
+    """Draw positions of fixed sensors: at even angles around the object (z is up), with random turn and elevations."""
     azimuth = 2 * np.pi * (rng.random() + np.arange(count) / count)
     elevation = np.radians(rng.uniform(*ELEVATION_DEGREES, count))
     level = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(count)], axis=1)
@@ -58,7 +58,7 @@ def draw_viewpoints(
 
 
 def posed_triangles(surface: Surface, Ts_world_part: Poses) -> Float64[np.ndarray, "triangles 3 3"]:
-    """The surface's triangles where its parts are."""
+    """The surface's triangles, posed with their parts."""
     Ts = Ts_world_part[surface.part]
     return surface.triangles @ np.swapaxes(Ts[:, :3, :3], -1, -2) + Ts[:, None, :3, 3]
 
@@ -67,7 +67,7 @@ def posed_triangles(surface: Surface, Ts_world_part: Poses) -> Float64[np.ndarra
 def _line_of_sight(
     triangles: Float64[np.ndarray, "triangles 3 3"], p_viewpoints: Float64[np.ndarray, "viewpoints 3"]
 ) -> Callable[[Points], Bool[np.ndarray, "points"]]:
-    """Which points at least one viewpoint sees past the triangles."""
+    """Make a function that finds the points that at least one viewpoint sees past the triangles."""
     open3d = load_open3d()
     tensor = open3d.core.Tensor.from_numpy
     corners = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
@@ -76,7 +76,7 @@ def _line_of_sight(
 
     def sees(points: Points) -> Bool[np.ndarray, "points"]:
         p_from = np.broadcast_to(p_viewpoints[:, None], (len(p_viewpoints), len(points), 3))
-        rays = np.concatenate([p_from, points - p_from], axis=-1).astype(np.float32)  # each reaches its point at 1
+        rays = np.concatenate([p_from, points - p_from], axis=-1).astype(np.float32)  # a ray reaches its point at 1
         return (scene.cast_rays(tensor(rays), nthreads=1)["t_hit"].numpy() >= 1 - SLACK).any(axis=0)
 
     return sees

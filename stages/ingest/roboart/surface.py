@@ -1,4 +1,4 @@
-"""Surfaces of links as plain triangles, and points sampled on them."""
+"""Surfaces of links as plain triangles, and sampling of points on them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_TRIANGLES = 20_000_000  # of a whole description: 1.4 GB
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles in the frame of the part that each one moves with (metres)."""
+    """Triangles (metres), each in the frame of its part."""
 
     triangles: Triangles
     part: Int64[np.ndarray, "triangles"]
@@ -31,13 +31,21 @@ class Surface:
 def sample_triangles(
     triangles: Triangles, count: int, rng: np.random.Generator
 ) -> tuple[Float64[np.ndarray, "points 3"], Int64[np.ndarray, "points"]]:
-    """Points spread uniformly by area, and the triangle of each."""
+    """Sample points uniformly by area, with the triangle of each."""
+    chosen, weights = draw_on_triangles(triangles, count, rng)
+    (a, b, c), (of_a, of_b, of_c) = np.moveaxis(triangles[chosen], 1, 0), weights.T[..., None]
+    return of_a * a + of_b * b + of_c * c, chosen
+
+
+def draw_on_triangles(
+    triangles: Triangles, count: int, rng: np.random.Generator
+) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 3"]]:
+    """Draw places uniformly by area: the triangle of each, and the weights of its corners."""
     cumulative = np.cumsum(areas(triangles))
     chosen = np.searchsorted(cumulative[:-1], rng.uniform(0, cumulative[-1], count), side="right")
     # the root makes the image of the unit square uniform over the triangle
-    u, v = np.sqrt(rng.random(count))[:, None], rng.random(count)[:, None]
-    a, b, c = np.moveaxis(triangles[chosen], 1, 0)
-    return (1 - u) * a + u * (1 - v) * b + u * v * c, chosen
+    u, v = np.sqrt(rng.random(count)), rng.random(count)
+    return chosen, np.stack([1 - u, u * (1 - v), u * v], axis=1)
 
 
 def areas(triangles: Triangles) -> Float64[np.ndarray, "triangles"]:
@@ -55,10 +63,11 @@ def link_triangles(
 ) -> list[Triangles]:
     """Each link's surface in its own frame, from its visual elements.
 
-    Links of one `top_link` are rigidly joined. Where none of such a group has a visual, the collision
-    elements stand in. (A collision element beside a visual one is a crude double of it: a cylinder
-    round a motor, which nobody would see in a scan.) Raises InputError for a mesh that is missing, larger than
-    `max_mesh_mib` or cannot be read, for a shape without surface, and for more triangles than memory may hold.
+    Links with the same `top_link` form a rigid group. If no link of a group has a visual element, its collision
+    elements are used. Otherwise these are only crude copies of the visual ones, which no scan would show.
+
+    Raises InputError for a mesh that is missing, unreadable or larger than `max_mesh_mib`, for a shape without surface,
+    and for too many triangles.
     """
 
     total = 0
@@ -87,7 +96,7 @@ def link_triangles(
 
 
 def _shape_triangles(geometry: Any, mesh: Callable[[str], Triangles], where: str) -> Triangles:
-    """A shape's surface in its own frame. Raises InputError where there is none, or none of a thing's size."""
+    """A shape's surface in its own frame. Raises InputError if it is empty, or not of the size of a real object."""
     name, sizes, made = _made(geometry, mesh)
     if name != "mesh" and np.min(sizes) < 0:
         raise InputError(f"{where}: found a <{name}> of size {sizes}, expected none below zero; correct the URDF")
@@ -100,7 +109,7 @@ def _shape_triangles(geometry: Any, mesh: Callable[[str], Triangles], where: str
 
 
 def _made(geometry: Any, mesh: Callable[[str], Triangles]) -> tuple[str, Any, Triangles]:
-    """The shape's element, its sizes (a mesh's scale), and its triangles."""
+    """The name of the shape's element, its sizes (a mesh's scale), and its triangles."""
     creation = import_extra("trimesh.creation")
     if geometry.mesh is not None:
         scale = 1.0 if geometry.mesh.scale is None else geometry.mesh.scale

@@ -1,32 +1,32 @@
-"""A robot description as the builder needs it, and its forward kinematics."""
+"""Reading of robot descriptions, and their forward kinematics."""
 
 from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from xml.etree.ElementTree import tostring
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from schemas.errors import InputError, quoted
+from schemas.joints import FIXED, PRISMATIC, REVOLUTE, JointKind
 from stages.ingest.roboart.mesh_files import read_xml
 from stages.ingest.roboart.urdf_check import check_urdf, pruned
+from stages.kernels.kinematics.tree import KinematicTree
 
-JointKind = Literal["fixed", "revolute", "prismatic"]
-
-# `continuous` is a revolute joint without limits; a floating or planar joint is held, as the base is
+# `continuous` is a revolute joint without limits; floating and planar joints are held, as the base is
 KINDS: dict[str, JointKind] = {
-    "fixed": "fixed",
-    "floating": "fixed",
-    "planar": "fixed",
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
+    "fixed": FIXED,
+    "floating": FIXED,
+    "planar": FIXED,
+    "revolute": REVOLUTE,
+    "continuous": REVOLUTE,
+    "prismatic": PRISMATIC,
 }
 # descriptions write "no limit" as a large number, mostly 10 or 1e16
 NO_LIMIT = 10.0
@@ -34,7 +34,7 @@ NO_LIMIT = 10.0
 
 @dataclass(frozen=True)
 class Mimic:
-    """position = multiplier * (position of the leading joint) + offset"""
+    """A mimic joint's rule: position = multiplier * (position of the leading joint) + offset."""
 
     joint: int
     multiplier: float
@@ -66,16 +66,38 @@ class Shape:
 
 @dataclass(frozen=True)
 class Robot:
-    """A tree of links. Link 0 is the base; joint j moves link j + 1, and parents come before children."""
+    """A tree of links. Link 0 is the base, joint j moves link j + 1, and parents come before children."""
 
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
     visuals: tuple[tuple[Shape, ...], ...]
     collisions: tuple[tuple[Shape, ...], ...]
 
+    @cached_property
+    def Ts_base_link(self) -> Float64[np.ndarray, "links 4 4"]:
+        """The links' frames in the base's frame, with all positions zero."""
+        Ts = [np.eye(4)]
+        for joint in self.joints:
+            Ts.append(Ts[joint.parent] @ joint.T_parent_joint)
+        return np.stack(Ts)
+
+    @cached_property
+    def tree(self) -> KinematicTree:
+        """The tree of links and joints in the base's frame, with all positions zero."""
+        Ts_base_child = self.Ts_base_link[1:]
+        axes = np.array([joint.axis for joint in self.joints]).reshape(-1, 3)
+        return KinematicTree(
+            kinds=tuple(joint.kind for joint in self.joints),
+            parent=np.array([joint.parent for joint in self.joints], dtype=np.int64),
+            child=np.array([joint.child for joint in self.joints], dtype=np.int64),
+            axis=(Ts_base_child[:, :3, :3] @ axes[..., None])[..., 0],
+            point=Ts_base_child[:, :3, 3],
+            root=0,
+        )
+
 
 def import_extra(module: str) -> Any:
-    """A module of the optional extra `robots`. Raises InputError where it is not installed."""
+    """Import a module of the optional extra `robots`. Raises InputError if it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -85,17 +107,17 @@ def import_extra(module: str) -> Any:
 
 
 def read_urdf(urdf_path: Path) -> Robot:
-    """Read a URDF's links and joints; no mesh is loaded.
+    """Read a URDF's links and joints. No mesh is loaded.
 
-    Raises InputError for a file that is not a URDF, whose numbers or names cannot be used, whose links form no tree,
-    or whose joints are contradictory.
+    Raises InputError for a file that is not a URDF, for invalid numbers or names, for links that do not form a tree,
+    and for contradictory joints.
     """
     root = read_xml(urdf_path)
-    check_urdf(root, urdf_path)  # yourdfpy takes any number and name
+    check_urdf(root, urdf_path)  # yourdfpy accepts any number and name
     yourdfpy = import_extra("yourdfpy")
     try:
         parsed = yourdfpy.URDF.load(BytesIO(tostring(pruned(root))), build_scene_graph=False, load_meshes=False).robot
-    except Exception as error:  # yourdfpy has no common error for what it cannot parse
+    except Exception as error:  # yourdfpy has no common error for unparsable files
         raise InputError(f"{urdf_path}: cannot be read as a URDF ({error!r}); correct or replace it") from error
     links = {link.name: link for link in parsed.links}
     joints = _from_root(parsed.joints, links, urdf_path)
@@ -113,20 +135,13 @@ def read_urdf(urdf_path: Path) -> Robot:
 def forward_kinematics(
     robot: Robot, positions: Float64[np.ndarray, "states joints"]
 ) -> Float64[np.ndarray, "states links 4 4"]:
-    """Each link's frame in the base's, with `positions` in radians or metres (fixed joints' are ignored)."""
-    Ts_base_link = np.tile(np.eye(4), (len(positions), len(robot.links), 1, 1))
-    for column, joint in zip(positions.T, robot.joints, strict=True):
-        T_joint_child = np.tile(np.eye(4), (len(positions), 1, 1))
-        if joint.kind == "revolute":
-            T_joint_child[:, :3, :3] = Rotation.from_rotvec(column[:, None] * joint.axis).as_matrix()
-        elif joint.kind == "prismatic":
-            T_joint_child[:, :3, 3] = column[:, None] * joint.axis
-        Ts_base_link[:, joint.child] = Ts_base_link[:, joint.parent] @ joint.T_parent_joint @ T_joint_child
-    return Ts_base_link
+    """Each link's frame in the base's frame, for `positions` in radians or metres. Those of fixed joints are unused."""
+    moving = [joint.kind != FIXED for joint in robot.joints]
+    return robot.tree.Ts_pose_canonical(positions[:, moving]) @ robot.Ts_base_link
 
 
 def _from_root(joints: list[Any], links: dict[str, Any], urdf_path: Path) -> list[Any]:
-    """The joints, depth first from the base: a parent's own joint comes before its children's."""
+    """The joints, depth first from the base, so that a link's own joint comes before those of its children."""
     moved_by: dict[str, Any] = {}
     children: dict[str, list[Any]] = {}
     for joint in joints:
@@ -168,9 +183,9 @@ def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]
         )
     kind = KINDS[joint.type]
     length = float(np.linalg.norm(joint.axis))
-    if kind != "fixed" and length == 0:
+    if kind != FIXED and length == 0:
         raise InputError(f"{where}: found an axis of length zero, expected a direction; correct the URDF")
-    lower, upper = (0.0, 0.0) if kind == "fixed" else _limits(joint)
+    lower, upper = (0.0, 0.0) if kind == FIXED else _limits(joint)
     if lower > upper:
         raise InputError(f"{where}: found limits {lower} to {upper}, expected lower <= upper; correct the URDF")
     return Joint(
@@ -182,12 +197,12 @@ def _joint(joint: Any, links: dict[str, int], by_name: dict[str, tuple[int, Any]
         axis=np.asarray(joint.axis, dtype=np.float64) / (length or 1.0),
         lower=lower,
         upper=upper,
-        mimic=None if kind == "fixed" else _mimic(joint, by_name, where),
+        mimic=None if kind == FIXED else _mimic(joint, by_name, where),
     )
 
 
 def _mimic(joint: Any, by_name: dict[str, tuple[int, Any]], where: str) -> Mimic | None:
-    """The joint that leads in the end, where one mimics another that mimics a third."""
+    """The rule of a mimic joint. Chains of mimic joints are resolved to the joint that leads them all."""
     if joint.mimic is None:
         return None
     index, multiplier, offset = -1, 1.0, 0.0
@@ -205,7 +220,7 @@ def _mimic(joint: Any, by_name: dict[str, tuple[int, Any]], where: str) -> Mimic
 
 
 def _limits(joint: Any) -> tuple[float, float]:
-    """Lower and upper limit; where none is given half a turn to either side, for a prismatic joint nothing."""
+    """The lower and upper limit. Without limits they are half a turn to either side, or zero if prismatic."""
     free = 0.0 if joint.type == "prismatic" else np.pi
     if joint.limit is None or joint.type == "continuous":
         return -free, free

@@ -1,4 +1,4 @@
-"""What a URDF must say for its elements to be understood: names, numbers, and which link a joint moves."""
+"""Validation of a URDF: its names, its numbers, and the links of its joints."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from xml.etree.ElementTree import Element
 
 from schemas.errors import InputError, quoted
 
-GREATEST_METRES = 1e9  # of a number: metres, radians or a factor beyond it are a mistake
+GREATEST_METRES = 1e9  # greater metres, radians and factors are mistakes
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """An attribute of numbers: how many there may be, and whether it may be left out, be infinite or have commas."""
+    """An attribute of numbers: the allowed counts, and whether it is required, may be infinite or have commas."""
 
     counts: tuple[int, ...] = (1,)
     required: bool = False
     endless: bool = False
-    commas: bool = False  # between the numbers; yourdfpy takes them in these attributes alone
+    commas: bool = False  # between the numbers; yourdfpy accepts them in these attributes alone
 
 
 NUMBERS: dict[str, dict[str, Numbers]] = {
@@ -33,7 +33,7 @@ NUMBERS: dict[str, dict[str, Numbers]] = {
     "sphere": {"radius": Numbers(required=True)},
     "mesh": {"scale": Numbers((0, 1, 3), commas=True)},
 }
-# what is read of each element; an element of another name, such as <inertial> or <gazebo>, may say anything
+# element -> its children that are read; other elements, such as <inertial> or <gazebo>, may hold anything
 READ: dict[str, set[str]] = {
     "robot": {"link", "joint"},
     "link": {"visual", "collision"},
@@ -46,13 +46,13 @@ SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def check_urdf(root: Element, urdf_path: Path) -> None:
-    """Raises InputError, one line that names the file and the element, for the first thing that is wrong."""
+    """Raise InputError for the first fault, in one line that names the file and the element."""
     for problem in _problems(root):
         raise InputError(f"{urdf_path}: {problem}; correct the URDF")
 
 
 def pruned(element: Element) -> Element:
-    """A copy with only what is read, so that nothing else can be wrong."""
+    """Copy only the elements that are read, so that no others can cause errors."""
     copy = Element(element.tag, element.attrib)
     copy.extend(pruned(child) for child in element if child.tag in READ.get(element.tag, ()))
     return copy
@@ -135,7 +135,7 @@ def _number_problems(where: str, element: Element) -> Iterator[str]:
 
 
 def _is_number(word: str) -> bool:
-    """Whether other readers of URDF would agree: Python alone takes 1_0 and the digits of other scripts."""
+    """Whether a word is a number for other URDF readers, too. Only Python accepts 1_0 and digits of other scripts."""
     try:
         float(word)
     except ValueError:

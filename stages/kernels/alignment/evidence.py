@@ -13,8 +13,7 @@ from stages.kernels.points.nearest import nearest
 
 NEAREST = 3  # points of a frame that stand for its surface near a moved point
 NEAR = 0.7  # radius, in spacings, within which they count
-PLANE_NOISE = 0.2  # spread of distances from the common plane, in spacings, where the motion is right
-TRUNCATION = 9.0
+FUSED_PLANE_SPREAD = 0.2  # of distances from the plane that all frames share, in spacings, where the motion is right
 USUAL_FRAMES = 9  # besides the canonical one
 CHUNK = 600_000  # places of entries in frames looked at together, for memory's sake
 
@@ -40,7 +39,7 @@ def motion_cost(
 
     Each frame's surface near the moved point is carried back by the part's motion. Where the motion is right, all
     frames' patches lie on one plane through the point; its scatter is far below a single frame's sampling noise.
-    The cost in a frame is the squared distance of the nearest point from that plane in units of its noise, plus half
+    The cost in a frame is the squared distance of the nearest point from that plane in units of its spread, plus half
     its squared distance from the moved point in spacings, truncated.
     """
     step = max(1, CHUNK // len(registration.others))
@@ -63,8 +62,8 @@ def gross_cost(
     """
     total = np.zeros(len(point))
     for t in frames:
-        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.noises[t]
-        total += np.minimum(0.5 * distance**2, TRUNCATION)
+        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.spacings[t]
+        total += np.minimum(0.5 * distance**2, registration.truncation)
     return total / len(frames)
 
 
@@ -81,9 +80,10 @@ def _cost(
     mean = np.einsum("nk,nki->ni", weights, cloud)
     offsets = cloud - mean[:, None]
     normal = np.linalg.eigh(np.matmul((weights[..., None] * offsets).transpose(0, 2, 1), offsets))[1][:, :, 0]
-    plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / PLANE_NOISE
-    own = np.einsum("ni,ni->n", normal, mean) / PLANE_NOISE
-    total = np.minimum(plane**2 + 0.5 * distance**2, TRUNCATION).sum(axis=1) + np.minimum(own**2, TRUNCATION)
+    plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / FUSED_PLANE_SPREAD
+    own = np.einsum("ni,ni->n", normal, mean) / FUSED_PLANE_SPREAD
+    most = registration.truncation
+    total = np.minimum(plane**2 + 0.5 * distance**2, most).sum(axis=1) + np.minimum(own**2, most)
     return total / len(registration.others)
 
 
@@ -93,7 +93,7 @@ def _carried_back(
     part: Int64[np.ndarray, "entries"],
     Ts: Float64[np.ndarray, "frames parts 4 4"],
 ) -> tuple[Float64[np.ndarray, "entries frames nearest 3"], Float64[np.ndarray, "entries frames"]]:
-    """Offsets, in each frame's noise, from a point to the nearest points carried back to it, and the least distance."""
+    """Offsets to the nearest points, carried back to each point, and the least distance; in each frame's spacings."""
     count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
     carried = np.empty((len(p), len(registration.others), count, 3))
     distance = np.empty((len(p), len(registration.others)))
@@ -102,6 +102,6 @@ def _carried_back(
         moved = move_points(T, p)
         distances, index = registration.trees[t].query(moved, k=count)
         offset = registration.frames[t][index.reshape(len(p), count)] - moved[:, None]
-        carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.noises[t]
-        distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.noises[t]
+        carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.spacings[t]
+        distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.spacings[t]
     return carried, distance

@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int64
 
-from stages.kernels.motion import se3
-from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.motion.rigid_motion import from_parts, move_points, rotations
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import normals, spacing
+from stages.kernels.points.sampling import normals, point_spacing
 
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
-PLANE_NOISE = 0.4  # spread of plane distances, in spacings, where a model fits
+FRAME_PLANE_SPREAD = 0.4  # of plane distances to one frame, in spacings, where a model fits
+TRUNCATION = 9.0  # most that a point can cost in one frame: three spreads
 DAMPING = 1e-4
-SPARSER = 1.5  # a frame whose spacing is so many times the canonical one's has a noise of its own
+SPARSER = 1.5  # a frame whose spacing is so many times the canonical one's has a unit of length of its own
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ class NormalEquations:
     """What the data say of every part's motion in every frame: their robust cost, and its quadratic model in twists.
 
     Twists turn about `centres`, the parts' own centres where they lie in each frame: angles in radians, lengths in
-    noise units. Nothing is said of the canonical frame.
+    spacings. Nothing is said of the canonical frame.
     """
 
     cost: float
@@ -39,16 +38,19 @@ class Registration:
 
     Groups are sets of canonical points, given as parallel arrays `index` (entries,) of points and `group`
     (entries,) of group numbers; groups may overlap. Each group moves by `Ts` (frames, groups, 4, 4).
-    Lengths inside are in units of `noise`, the canonical cloud's spacing. Distances in a far sparser frame are in units
-    of that frame's own spacing (`noises`), since its points are that far off however well they fit.
+    Lengths inside are in units of `spacing`, the canonical cloud's. Distances in a far sparser frame are in units of
+    that frame's own spacing (`spacings`), since its points are that far off however well they fit.
     """
 
-    def __init__(self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int) -> None:
+    def __init__(
+        self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int, truncation: float = TRUNCATION
+    ) -> None:
+        self.truncation = truncation
         self.p = frames[canonical_frame]
-        self.noise = spacing(self.p)
-        spacings = np.array([spacing(frame) for frame in frames])
-        self.noises = np.where(spacings > SPARSER * self.noise, spacings, self.noise)
-        self._shares = (self.noise / self.noises) ** 2  # of what a frame as dense as the canonical one would tell
+        self.spacing = point_spacing(self.p)
+        spacings = np.array([point_spacing(frame) for frame in frames])
+        self.spacings = np.where(spacings > SPARSER * self.spacing, spacings, self.spacing)
+        self._shares = (self.spacing / self.spacings) ** 2  # of what a frame as dense as the canonical one would tell
         self.others = [t for t in range(len(frames)) if t != canonical_frame]
         self.frames = frames
         self.trees = [KDTree(frame) for frame in frames]
@@ -64,30 +66,27 @@ class Registration:
         index: Int64[np.ndarray, "entries"],
         group: Int64[np.ndarray, "entries"],
         Ts: Float64[np.ndarray, "frames groups 4 4"],
-        truncation: float = 9.0,
     ) -> Float64[np.ndarray, "entries"]:
         """How badly each point's motion is borne out, averaged over frames.
 
-        In a frame: the squared plane distance in units of its noise plus half the squared point distance in
+        In a frame: the squared plane distance in units of its spread plus half the squared point distance in
         spacings, truncated.
         """
         total = np.zeros(len(index))
         for t in self.others:
             p, target, distance = self._matches(t, index, group, Ts)
-            offset = (p - self.frames[t][target]) / self.noises[t]
-            total += _match_cost(self._normals[t][target], offset, distance, truncation)
+            offset = (p - self.frames[t][target]) / self.spacings[t]
+            total += _match_cost(self._normals[t][target], offset, distance, self.truncation)
         return total / len(self.others)
 
-    def cost_back(
-        self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"], truncation: float = 9.0
-    ) -> float:
+    def cost_back(self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"]) -> float:
         """How badly the posed model bears out the frames' points: `cost` the other way round, in sum."""
         total = 0.0
         for t in self.others:
             p = move_points(Ts[t, labels], self.p)
             distance, source = nearest(KDTree(p), self.frames[t])
-            offset = (p[source] - self.frames[t]) / self.noises[t]
-            total += _match_cost(self._normals[t], offset, distance / self.noises[t], truncation).sum()
+            offset = (p[source] - self.frames[t]) / self.spacings[t]
+            total += _match_cost(self._normals[t], offset, distance / self.spacings[t], self.truncation).sum()
         return float(total / len(self.others))
 
     def refine_groups(
@@ -106,36 +105,36 @@ class Registration:
                 p, target, distance = self._matches(t, index, group, Ts)
                 p_centres = move_points(Ts[t], centres)
                 hessian, gradient = normal_equations(
-                    (p - p_centres[group]) / self.noise,
+                    (p - p_centres[group]) / self.spacing,
                     group,
                     groups,
                     self._normals[t][target],
-                    (p - self.frames[t][target]) / self.noise,
+                    (p - self.frames[t][target]) / self.spacing,
                     self._shares[t] * robust_weight(distance, reach),
                 )
                 hessian += DAMPING * _scaled_identity(hessian)
                 twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
-                Ts[t] = turn_about(p_centres, twists, self.noise) @ Ts[t]
+                Ts[t] = turn_about(p_centres, twists, self.spacing) @ Ts[t]
         return Ts
 
     def refine_parts(
         self,
         labels: Int64[np.ndarray, "points"],
         Ts: Float64[np.ndarray, "frames parts 4 4"],
-        contacts: Int64[np.ndarray, "contacts 2"],
+        touching: Int64[np.ndarray, "touching 2"],
         iterations: int,
         reach: float,
         attachment: float,
     ) -> Float64[np.ndarray, "frames parts 4 4"]:
         """All parts registered together, both from model to frame and from frame to model.
 
-        `contacts` are pairs of neighbouring points of different parts; the places between them are asked,
+        `touching` are pairs of neighbouring points of different parts; the places between them are asked,
         with weight `attachment` and robustly, to move alike by both parts' motions. Without it round parts
         would be free to slide and turn on themselves.
         """
         Ts, parts = Ts.copy(), Ts.shape[1]
-        middles = self.p[contacts].mean(axis=1)
-        sides = labels[contacts].T
+        middles = self.p[touching].mean(axis=1)
+        sides = labels[touching].T
         for _ in range(iterations):
             equations = self.linearise(labels, Ts, reach)
             for t in self.others:
@@ -146,7 +145,7 @@ class Registration:
                 matrix = hessian.transpose(0, 2, 1, 3).reshape(6 * parts, 6 * parts)
                 matrix[np.diag_indices_from(matrix)] += 1e-3 + DAMPING * matrix.diagonal()
                 twists = -np.linalg.solve(matrix, gradient.ravel()).reshape(parts, 6)
-                Ts[t] = turn_about(centres, twists, self.noise) @ Ts[t]
+                Ts[t] = turn_about(centres, twists, self.spacing) @ Ts[t]
         return Ts
 
     def linearise(
@@ -164,10 +163,10 @@ class Registration:
             back_distance, back = nearest(KDTree(p), self.frames[t])
             source = np.concatenate([index, back])
             target = np.concatenate([target, np.arange(len(back))])
-            distance = np.concatenate([distance, back_distance / self.noises[t]])
-            offset = (p[source] - self.frames[t][target]) / self.noise
+            distance = np.concatenate([distance, back_distance / self.spacings[t]])
+            offset = (p[source] - self.frames[t][target]) / self.spacing
             part, normal = labels[source], self._normals[t][target]
-            arms = (p[source] - centres[t, part]) / self.noise
+            arms = (p[source] - centres[t, part]) / self.spacing
             weight = robust_weight(distance, reach)
             hessian[t], gradient[t] = normal_equations(arms, part, parts, normal, offset, self._shares[t] * weight)
             squares = self._shares[t] * np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
@@ -177,31 +176,31 @@ class Registration:
     def _matches(
         self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Moved points, their nearest in frame t, and the distance to it in that frame's noise."""
+        """Moved points, their nearest in frame t, and the distance to it in that frame's spacings."""
         T_points = Ts[t, group]
         p = move_points(T_points, self.p[index])
         distance, target = nearest(self.trees[t], p)
-        return p, target, distance / self.noises[t]
+        return p, target, distance / self.spacings[t]
 
     def _attach(
         self,
         hessian: Float64[np.ndarray, "parts parts 6 6"],
         gradient: Float64[np.ndarray, "parts 6"],
-        middles: Float64[np.ndarray, "contacts 3"],
-        sides: Int64[np.ndarray, "2 contacts"],
+        middles: Float64[np.ndarray, "touching 3"],
+        sides: Int64[np.ndarray, "2 touching"],
         Ts: Float64[np.ndarray, "parts 4 4"],
         p_centres: Float64[np.ndarray, "parts 3"],
         reach: float,
         attachment: float,
     ) -> None:
-        """Add the pull of contacts, in place."""
+        """Add the pull of touching points, in place."""
         a, b = sides
         p_a, p_b = move_points(Ts[a], middles), move_points(Ts[b], middles)
-        gap = (p_a - p_b) / self.noise
+        gap = (p_a - p_b) / self.spacing
         weight = attachment * robust_weight(np.linalg.norm(gap, axis=1), reach)
         jacobians = (
-            (a, twist_jacobian((p_a - p_centres[a]) / self.noise)),
-            (b, -twist_jacobian((p_b - p_centres[b]) / self.noise)),
+            (a, twist_jacobian((p_a - p_centres[a]) / self.spacing)),
+            (b, -twist_jacobian((p_b - p_centres[b]) / self.spacing)),
         )
         for row, left in jacobians:
             np.add.at(gradient, row, np.einsum("nia,n,ni->na", left, weight, gap))
@@ -220,13 +219,11 @@ def twist_jacobian(arms: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray,
 
 
 def turn_about(
-    centres: Float64[np.ndarray, "groups 3"], twists: Float64[np.ndarray, "groups 6"], noise: float
+    centres: Float64[np.ndarray, "groups 3"], twists: Float64[np.ndarray, "groups 6"], spacing: float
 ) -> Float64[np.ndarray, "groups 4 4"]:
-    """Transforms of twists taken about given centres; angles in radians, lengths in noise units."""
-    rotation = torch.from_numpy(np.ascontiguousarray(twists[:, :3]))
-    Ts = se3.exp(torch.cat([rotation, torch.zeros_like(rotation)], dim=1)).numpy()
-    Ts[:, :3, 3] = centres - np.einsum("nij,nj->ni", Ts[:, :3, :3], centres) + twists[:, 3:] * noise
-    return Ts
+    """Transforms of twists taken about given centres; angles in radians, lengths in spacings."""
+    R = rotations(twists[:, :3])
+    return from_parts(R, centres - np.einsum("nij,nj->ni", R, centres) + twists[:, 3:] * spacing)
 
 
 def normal_equations(
@@ -271,7 +268,7 @@ def _match_cost(
     distance: Float64[np.ndarray, "entries"],
     truncation: float,
 ) -> Float64[np.ndarray, "entries"]:
-    plane = np.einsum("ni,ni->n", normal, offset) / PLANE_NOISE
+    plane = np.einsum("ni,ni->n", normal, offset) / FRAME_PLANE_SPREAD
     return np.minimum(plane**2 + 0.5 * distance**2, truncation)
 
 

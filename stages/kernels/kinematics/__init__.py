@@ -1,1 +1,1 @@
-"""Trees of rigid parts and joints: their motions, joints in closed form, and the fit of a whole tree."""
+"""Trees of rigid parts and joints: their poses, the closed-form fit of a joint, and the fit of a whole tree."""

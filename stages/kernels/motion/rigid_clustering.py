@@ -1,7 +1,7 @@
 """Agglomerative clustering of point trajectories into parts that move rigidly.
 
-A cluster's cost is what is left of its trajectories after the best rigid motion in every frame (the
-Procrustes residual); two touching clusters merge at the price of the residual that their union adds.
+A cluster's cost is the sum of squared distances that the best rigid motion in every frame leaves of its
+trajectories; two touching clusters merge at the price of what their union adds to it.
 All costs follow from per-frame moments, so merging never looks at the points again.
 """
 
@@ -77,7 +77,7 @@ def rigid_motion(m: Moments) -> Float64[np.ndarray, "clusters frames 4 4"]:
     return Ts
 
 
-def rigid_residual(m: Moments) -> Float64[np.ndarray, "clusters"]:
+def rigid_square_sum(m: Moments) -> Float64[np.ndarray, "clusters"]:
     """Sum over frames and points of the squared distance left by the best rigid motion of each frame."""
     count = m.count[..., None]
     covariance = _covariance(m)
@@ -92,13 +92,13 @@ def merge_rigid_clusters(
 ) -> Int64[np.ndarray, "start"]:
     """The cluster of each start cluster after greedy merging along `edges`.
 
-    The pair whose union adds the least residual merges first, until `clusters` are left, or the next merge
+    The pair whose union adds the least sum of squares merges first, until `clusters` are left, or the next merge
     would add more than `max_increase`, or no touching pairs are left. Labels come out as 0..n-1.
     """
     total = len(start.count)
     # merged clusters get new ids behind the start ones
     parts = [start[i] for i in range(total)]
-    residual = list(rigid_residual(start))
+    left = list(rigid_square_sum(start))
     touching: list[set[int]] = [set() for _ in range(total)]
     for a, b in edges:
         if a != b:
@@ -113,8 +113,8 @@ def merge_rigid_clusters(
             return
         unions = [parts[a] + parts[b] for b in others]
         stacked = Moments(*(np.stack([getattr(u, f) for u in unions]) for f in ("count", "x", "y", "xy", "squares")))
-        for b, cost in zip(others, rigid_residual(stacked), strict=True):
-            heapq.heappush(heap, (float(cost) - residual[a] - residual[b], min(a, b), max(a, b)))
+        for b, cost in zip(others, rigid_square_sum(stacked), strict=True):
+            heapq.heappush(heap, (float(cost) - left[a] - left[b], min(a, b), max(a, b)))
 
     for a in range(total):
         push(a, sorted(b for b in touching[a] if b > a))
@@ -126,7 +126,7 @@ def merge_rigid_clusters(
             break
         new = len(parts)
         parts.append(parts[a] + parts[b])
-        residual.append(residual[a] + residual[b] + increase)
+        left.append(left[a] + left[b] + increase)
         touching.append((touching[a] | touching[b]) - {a, b})
         parent[a] = parent[b] = new
         parent.append(new)

@@ -7,7 +7,9 @@ from jaxtyping import Float64
 
 from stages.kernels.points.nearest import KDTree, nearest
 
-CONTACT = 1.5  # points of a part this much farther than the nearest from its parent are its contact
+# a contact place: the points of a part whose distance from its parent is at most that of the nearest one, times
+# FARTHER, plus WIDTH of the part's longest side
+FARTHER, WIDTH = 1.5, 0.02
 
 
 def next_to_contact(
@@ -22,7 +24,7 @@ def next_to_contact(
     """
     if len(parent) and len(child):
         distance = nearest(KDTree(parent), child)[0]
-        near = child[distance <= CONTACT * distance.min() + 0.02 * np.ptp(child, axis=0).max()]
+        near = child[distance <= FARTHER * distance.min() + WIDTH * np.ptp(child, axis=0).max()]
     else:
         near = np.concatenate([parent, child, point[None]])
     along: np.ndarray = axis * (axis @ (near.mean(axis=0) - point))

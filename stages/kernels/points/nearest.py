@@ -6,7 +6,11 @@ import numpy as np
 from jaxtyping import Float, Int64
 from pykdtree.kdtree import KDTree
 
-__all__ = ["KDTree", "nearest", "neighbours"]
+__all__ = ["FEW_NEIGHBOURS", "SURFACE_NEIGHBOURS", "KDTree", "nearest", "neighbours"]
+
+# nearest points that stand for a point's surroundings on its surface: enough to link what belongs together, and so few
+# in graphs of a single cloud that gaps stay open
+SURFACE_NEIGHBOURS, FEW_NEIGHBOURS = 8, 6
 
 
 def nearest(

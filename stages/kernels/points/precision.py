@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 
 FINENESS = 1e-3  # of the points' spacing
 
@@ -21,4 +21,4 @@ def float32_holds(points: Float[np.ndarray, "points 3"]) -> bool:
     with np.errstate(over="ignore"):
         farthest = np.abs(points).max(initial=0.0).astype(np.float32)
     rounding = float(np.spacing(farthest)) / 2 if np.isfinite(farthest) else np.inf
-    return rounding <= FINENESS * spacing(points)
+    return rounding <= FINENESS * point_spacing(points)

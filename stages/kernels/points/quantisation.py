@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float64
 
-from stages.kernels.points.sampling import spacing, thinned
+from stages.kernels.points.sampling import point_spacing, thinned
 
 _LOOKED_AT = 4096  # points that are enough to see steps; the stages work on about as many
 _EQUAL = 1e-12  # values that differ by less, relative to the largest, differ by rounding in double precision
@@ -32,7 +32,7 @@ def coarseness(points: Float[np.ndarray, "points 3"]) -> float:
     distinct = len(np.unique(points, axis=0))
     if distinct < 2:
         return 0.0
-    steps = quantisation_step(points) / (spacing(points) * np.sqrt(distinct / len(points)))
+    steps = quantisation_step(points) / (point_spacing(points) * np.sqrt(distinct / len(points)))
     widest = float(steps.max())
     varied = steps[np.ptp(points, axis=0) > 0]
     everywhere = len(varied) == 3 and varied.min() >= _COARSE_IN_ALL

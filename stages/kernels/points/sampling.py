@@ -49,8 +49,8 @@ def thinned(count: int, most: int) -> Int64[np.ndarray, "chosen"]:
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
 
 
-def spacing(points: Float[np.ndarray, "points 3"]) -> float:
-    """The median distance from a point to its nearest neighbour: the cloud's sampling noise.
+def point_spacing(points: Float[np.ndarray, "points 3"]) -> float:
+    """The median distance from a point to its nearest neighbour: the size of its sampling noise.
 
     Exact duplicates, which scans put together from several views have, count once.
     """

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from stages.kernels.points.nearest import neighbours
-from stages.kernels.points.sampling import normals, spacing
+from stages.kernels.points.nearest import FEW_NEIGHBOURS, neighbours
+from stages.kernels.points.sampling import normals, point_spacing
 
 CREASE, LEAST_WEIGHT = 0.1, 0.1  # 1 - |cos| of the angle between normals at which a weight has fallen to 1/e; its floor
 LONGEST_EDGE = 6.0  # longer edges, in spacings, bridge gaps between surfaces
@@ -63,11 +63,11 @@ def smoothness_weights(
     return weights / weights.mean() if len(weights) else weights
 
 
-def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = 6) -> SurfaceGraph:
+def surface_graph(points: Float64[np.ndarray, "points 3"], count: int = FEW_NEIGHBOURS) -> SurfaceGraph:
     """Each point linked to its `count` nearest others, but for links that bridge gaps."""
     indices = neighbours(points, count)[1]
     ends = np.stack([np.arange(len(points)).repeat(indices.shape[1]), indices.ravel()], axis=1)
     edges = np.unique(np.sort(ends, axis=1), axis=0)
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    short = (edges[:, 0] != edges[:, 1]) & (lengths < LONGEST_EDGE * spacing(points))
+    short = (edges[:, 0] != edges[:, 1]) & (lengths < LONGEST_EDGE * point_spacing(points))
     return SurfaceGraph(len(points), edges[short], lengths[short])

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from schemas.kinematic import KinematicModel
-from stages.result import result_files, to_result
+from stages.result.stage import compute_result, result_files
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def model(samples, tmp_path):
     kinematic: KinematicModel = samples["kinematic"].replace(labels=np.repeat([0, 1, 2], 100), energies={})
     folder = tmp_path / "chain"
     folder.mkdir()
-    for name, content in result_files(to_result(kinematic, sequence)).items():
+    for name, content in result_files(compute_result(kinematic, sequence)).items():
         (folder / name).write_bytes(content)
     return folder
 

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,9 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.cli.tables import model_table, screen_table
 from pipeline.cli.train_flow import train_flow
-from pipeline.delivery import deliver
-from pipeline.presets import FOLDER, TRAINING_FOLDER, load_settings
-from pipeline.report_tables import Cell, Row, Table
+from pipeline.configuration.presets import FOLDER, TRAINING_FOLDER, load_settings
+from pipeline.results.delivery import deliver
+from pipeline.results.report_tables import Cell, Row, Table
 from schemas.config import PipelineConfig, TrainFlowConfig
 
 DATA = ("--dataset", "scans", "--data", "data")
@@ -45,6 +46,14 @@ def reart(tmp_path, monkeypatch):
         (("fit", "data/box", "--out", "out", "--truth", "nowhere"), "--truth nowhere: found no ground truth"),
         (("run", "--dataset", "robart"), "roboart-free, urdf, sapien, scans"),
         (("run", *DATA, "--workdir", "file"), "--workdir file"),
+        pytest.param(
+            ("run", "--dataset", "humans", "--sequences", "fly-1"),
+            "expected some of walk-1, walk-2",
+            marks=pytest.mark.skipif(find_spec("anny") is None, reason="the package anny is not installed"),
+        ),
+        (("run", "--dataset", "dfaust", "--data", "file"), "file: is no HDF5 file"),
+        (("run", "--dataset", "dfaust", "--data", "data"), "ingest.correspond=true"),
+        (("run", "--dataset", "dfaust"), "registrations (.hdf5)"),
         (("rerun", "flow", *DATA, "--sequence", "box", "--set", "flow"), "stage.field=value"),
         (("evaluate", *DATA, "--split", "test"), "no splits"),
         (("evaluate", *DATA, "--out", "file"), "--out file: found a file"),
@@ -65,6 +74,26 @@ def test_what_cannot_be_done_is_one_line_and_exit_code_2_before_anything_is_comp
     assert not list(tmp_path.glob("**/manifest.json"))
 
 
+def test_a_sequence_that_a_file_of_registrations_lacks_is_told_with_those_that_it_has(reart, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "registrations_m.hdf5", "w") as file:
+        file["50004_hopping"] = np.zeros((40, 3, 5))
+    words = ("run", "--dataset", "dfaust", "--data", "registrations_m.hdf5", "--sequences", "50004_hoping")
+    result = reart(*words)
+    assert result.exit_code == 2
+    assert result.stderr.splitlines() == [
+        "error: sequences: found 50004_hoping, expected some of 50004_hopping; check the spelling"
+    ]
+
+
+def test_an_npz_whose_points_do_not_correspond_is_one_line_and_exit_code_2(reart, tmp_path):
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "scans.npz", *(rng.normal(size=(40 + t, 3)) for t in range(3)))
+    result = reart("fit", "scans.npz", "--out", "out", "--set", "ingest.correspond=true")
+    assert result.exit_code == 2
+    assert "found 40 points in scans.npz[arr_0] and 41 in scans.npz[arr_1]" in " ".join(result.stderr.split())
+
+
 def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     result = reart("status", *DATA)
     assert result.exit_code == 0
@@ -81,12 +110,13 @@ def test_every_command_explains_itself_with_an_example(reart, command):
     assert f"reart {command}" in result.stdout.split("Example")[1]
 
 
-README = Path(__file__).parents[3] / "README.md"
+ROOT = Path(__file__).parents[3]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def examples():
-    """Every setting that a help text or the README gives as an example, with the schema that knows it."""
-    texts = [(PipelineConfig, FOLDER, README.read_text(encoding="utf-8"))]
+    """Every setting that a help text or a document gives as an example, with the schema that knows it."""
+    texts = [(PipelineConfig, FOLDER, document.read_text(encoding="utf-8")) for document in DOCUMENTS]
     for command in app.registered_commands:
         schema, folder = (
             (TrainFlowConfig, TRAINING_FOLDER) if command.callback is train_flow else (PipelineConfig, FOLDER)
@@ -107,7 +137,7 @@ def test_every_setting_in_an_example_is_known_accepted_and_no_default(schema, fo
     assert load_settings(schema, folder, [], [setting]) != schema()
     name, _, value = setting.partition("=")
     default = functools.reduce(getattr, name.split("."), schema())
-    if isinstance(default, int | float):  # an example shows a change that one may want to make
+    if isinstance(default, int | float) and not isinstance(default, bool):  # an example shows a change one may want
         assert default / 10 <= float(value) <= 10 * max(default, 1)
 
 

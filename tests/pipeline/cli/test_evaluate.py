@@ -4,8 +4,8 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.scores import gather
-from pipeline.tasks import EvaluationTask
+from pipeline.results.scores import gather
+from pipeline.run.tasks import EvaluationTask
 from schemas.errors import InputError
 
 

@@ -1,10 +1,10 @@
 import pytest
 
 from pipeline.cli.run import evaluation_of
-from pipeline.launch import Outcome
-from pipeline.protocol import Event
-from pipeline.task import upstream_first
-from pipeline.tasks import final_tasks
+from pipeline.run.launch import Outcome
+from pipeline.run.protocol import Event
+from pipeline.run.task import upstream_first
+from pipeline.run.tasks import final_tasks
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 import json
 
-from pipeline.training_batches import MakerDied
+from pipeline.training.batches import MakerDied
 
 
 def test_a_minute_of_training_lowers_the_loss(reart, tmp_path):
@@ -44,7 +44,7 @@ def test_a_killed_maker_of_pairs_ends_in_one_line(reart, monkeypatch):
     def train(*args):
         raise MakerDied("killed by SIGKILL")
 
-    monkeypatch.setattr("pipeline.training.train", train)
+    monkeypatch.setattr("pipeline.training.folder.train", train)
     done = reart("train-flow", "--out", "training", "--preset", "smoke")
     assert done.exit_code == 1
     assert "ended (killed by SIGKILL); what training holds is kept: give the same command again" in done.stderr

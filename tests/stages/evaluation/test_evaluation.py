@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
-from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint
-from stages.evaluation import chamfer_distance, evaluate, line_distance
+from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
+from stages.evaluation.stage import chamfer_distance, compute_evaluation, joint_errors, line_distance
+from stages.evaluation.summary import figures_of
 
 FRAMES, PER_PART, CANONICAL = 5, 60, 3
 PARENT = [-1, 0, 1, 0]
@@ -94,9 +95,6 @@ def true_model(data: IngestedSequence) -> KinematicModel:
     axis = np.einsum("jab,jb->ja", T_canonical_first[:, :3, :3], AXIS)
     point = moved(T_canonical_first, np.arange(3), POINT)
     point -= axis * (axis * point).sum(1, keepdims=True)
-    states = np.zeros((3, FRAMES, 2))
-    for j, column in enumerate((0, 0, 1)):
-        states[j, :, column] = STATES[j] - STATES[j, CANONICAL]
     return KinematicModel(
         canonical_frame=CANONICAL,
         root=0,
@@ -107,7 +105,7 @@ def true_model(data: IngestedSequence) -> KinematicModel:
         joint_types=TYPES,
         axis=axis,
         point=point,
-        states=states,
+        states=(STATES - STATES[:, [CANONICAL]]).T,
         e_spatial=np.zeros(3),
         e_1dof=np.zeros(3),
         energies={},
@@ -115,14 +113,14 @@ def true_model(data: IngestedSequence) -> KinematicModel:
 
 
 def measured(model: KinematicModel, data: IngestedSequence, seed: int = 0) -> Metrics:
-    return evaluate(model, data, EvaluationConfig(), np.random.default_rng(seed))
+    return compute_evaluation(model, data, EvaluationConfig(), np.random.default_rng(seed))
 
 
 def with_truth(data: IngestedSequence, **changes: Any) -> IngestedSequence:
     return data.replace(truth=data.truth.replace(**changes))
 
 
-def test_where_nothing_moves_no_part_is_told() -> None:
+def test_where_nothing_moves_no_part_is_observable() -> None:
     data = ingested()
     still = with_truth(data, Ts_frame_first=np.tile(np.eye(4), (FRAMES, 4, 1, 1)))
     metrics = measured(true_model(data), still)
@@ -154,11 +152,11 @@ def test_renumbered_parts_and_a_reversed_joint_change_no_joint_error() -> None:
     model = true_model(data)
     new = np.array([2, 0, 3, 1])
     states = model.states.copy()
-    states[1] *= -1  # about the opposite axis the same motion has the opposite angle
+    states[:, 1] *= -1  # about the opposite axis the same motion has the opposite angle
     axis = model.axis.copy()
     axis[1] *= -1
     # The upper arm as root: joint 0 now moves the body; the motion of parent against child is the inverse.
-    states[0] *= -1
+    states[:, 0] *= -1
     model = model.replace(
         labels=new[model.labels],
         Ts_frame_canonical=model.Ts_frame_canonical[:, np.argsort(new)],
@@ -246,9 +244,9 @@ def test_state_error_is_in_radians_or_percent_of_the_diagonal() -> None:
     data = ingested()
     model = true_model(data)
     states = model.states.copy()
-    states[0, 0, 0] += 0.1
-    states[1, 0, 0] += 2 * np.pi  # a whole turn more is the same pose
-    states[2, 4, 1] -= 0.02
+    states[0, 0] += 0.1
+    states[0, 1] += 2 * np.pi  # a whole turn more is the same pose
+    states[4, 2] -= 0.02
     metrics = measured(model.replace(states=states), data)
     assert [joint.state_error for joint in metrics.joints] == [
         pytest.approx(0.1 / FRAMES),
@@ -261,7 +259,7 @@ def test_a_wrong_joint_type_has_no_state_error_and_counts_against_the_accuracy()
     data = ingested()
     model = true_model(data)
     states = model.states.copy()
-    states[1] = 0
+    states[:, 1] = 0
     metrics = measured(model.replace(joint_types=("revolute", "prismatic", "prismatic"), states=states), data)
     assert metrics.joint_type_accuracy == pytest.approx(2 / 3)
     assert metrics.joints[1].state_error is None
@@ -310,7 +308,7 @@ def test_merged_parts_cost_recon_and_reanimation_and_lose_their_joint() -> None:
         joint_types=("revolute", "prismatic"),
         axis=model.axis[[0, 2]],
         point=model.point[[0, 2]],
-        states=model.states[[0, 2]],
+        states=model.states[:, [0, 2]],
         e_spatial=np.zeros(2),
         e_1dof=np.zeros(2),
     )
@@ -351,6 +349,86 @@ def test_reanimation_moves_the_root_where_it_moved_in_the_sequence() -> None:
     metrics = measured(true_model(data), data)
     assert metrics.recon == pytest.approx(0, abs=1e-12)
     assert metrics.reanimation_percent == pytest.approx(0, abs=0.02)
+
+
+def ball_model(data: IngestedSequence, aside: float) -> KinematicModel:
+    """The true model with a ball joint for the second hinge, its centre `aside` (normalised)."""
+    model = true_model(data)
+    point = model.point.copy()
+    point[1] = moved(data.truth.Ts_frame_first[CANONICAL], np.array([2]), POINT[1:2])[0] + [0, aside, 0]
+    types = (TYPES[0], "spherical", TYPES[2])
+    states = np.zeros((model.states.shape[0], 5))
+    return model.replace(joint_types=types, point=point, states=states)
+
+
+def ball_truth(data: IngestedSequence) -> IngestedSequence:
+    first, second, third = data.truth.joints
+    return with_truth(data, joints=(first, second.model_copy(update={"type": "spherical"}), third))
+
+
+def test_the_centre_of_a_ball_joint_is_measured_in_the_canonical_frame_and_only_against_a_ball_joint() -> None:
+    data = ingested()
+    truth, labels_true = ball_truth(data).truth, data.true_labels(CANONICAL)
+    joints = joint_errors(ball_model(data, 0.02), truth, labels_true)
+    assert [joint.ball_centre_percent for joint in joints] == [None, pytest.approx(2.0), None]
+    hinge = joint_errors(true_model(data), truth, labels_true)[1]
+    assert (hinge.predicted_type, hinge.ball_centre_percent) == ("revolute", None)
+    metrics = measured(true_model(data), data).replace(joints=(*joints, hinge))
+    assert figures_of(metrics, {}).ball_centre_percent == pytest.approx(2.0)
+
+
+def rigid_surface(data: IngestedSequence) -> TrueSurface:
+    """The observed points of all frames, each a vertex, moved with their parts."""
+    labels = data.truth.labels
+    home = np.linalg.inv(data.truth.Ts_frame_first)
+    of_frames = zip(home, labels.reshape(FRAMES, -1), data.sequence.frames(), strict=True)
+    first = np.concatenate([moved(T, of, p) for T, of, p in of_frames])
+    return TrueSurface(
+        vertices=np.stack([moved(Ts, labels, first) for Ts in data.truth.Ts_frame_first]),
+        corners=np.tile(np.arange(len(first))[:, None], (1, 3)),
+        weights=np.tile([0.5, 0.3, 0.2], (len(first), 1)),
+    )
+
+
+def test_a_surface_that_moves_as_the_parts_do_gives_their_errors() -> None:
+    data = ingested()
+    model = true_model(data)
+    model = model.replace(Ts_frame_canonical=model.Ts_frame_canonical @ shifted(0.01))
+    by_parts, by_surface = measured(model, data), measured(model, data.replace(surface=rigid_surface(data)))
+    for name in ("recon", "recon_percent", "recon_of_motion_percent", "epe", "epe_of_flow_percent", "acc5", "acc10"):
+        assert getattr(by_surface, name) == pytest.approx(getattr(by_parts, name), rel=1e-9), name
+    assert by_surface.recon_percent == pytest.approx(1.0)
+    assert by_surface.ari == by_parts.ari == 1
+
+
+def shifted(by: float) -> np.ndarray:
+    T = np.eye(4)
+    T[0, 3] = by
+    return T
+
+
+def test_a_surface_alone_tells_the_errors_of_the_motion_in_percent_of_the_motion() -> None:
+    data = ingested()
+    surface = rigid_surface(data)
+    rise = np.arange(FRAMES)[:, None, None] * np.array([0, 0, 0.03])
+    soft = surface.vertices[:1] + rise * (1 + surface.vertices[:1, :, :1])  # by another way at each point
+    alone = IngestedSequence(sequence=data.sequence, surface=surface.replace(vertices=soft))
+    still = true_model(data).replace(Ts_frame_canonical=np.tile(np.eye(4), (FRAMES, 4, 1, 1)))
+    metrics = measured(still, alone)
+    assert metrics.recon_of_motion_percent == metrics.epe_of_flow_percent == pytest.approx(100)
+    assert metrics.epe_percent == pytest.approx(3.0, rel=0.1)
+    assert metrics.recon_percent == pytest.approx(3.0 * np.abs(np.arange(FRAMES) - CANONICAL).mean(), rel=0.1)
+    assert (metrics.ari, metrics.parts_true, metrics.tree_edit_distance, metrics.joints) == (None, None, None, ())
+    held = measured(still, alone.replace(surface=surface.replace(vertices=np.repeat(soft[:1], FRAMES, axis=0))))
+    assert held.recon == pytest.approx(0, abs=1e-12)
+    assert (held.recon_of_motion_percent, held.epe_of_flow_percent) == (None, None)
+
+
+def test_a_surface_of_other_points_is_refused() -> None:
+    data = ingested()
+    surface = rigid_surface(data)
+    with pytest.raises(ValueError, match="found places of 1199 points in 5 frames, expected 1200 in 5"):
+        data.replace(surface=surface.replace(corners=surface.corners[1:], weights=surface.weights[1:]))
 
 
 def test_without_ground_truth_only_the_chamfer_distance_is_known() -> None:

@@ -9,9 +9,9 @@ import trimesh
 import yourdfpy
 
 from schemas.config import ExportConfig
-from stages.export import WRITERS, describe
-from stages.kernels.points.sampling import spacing
-from stages.result import result_files
+from stages.export.stage import WRITERS, compute_export
+from stages.kernels.points.sampling import point_spacing
+from stages.result.stage import result_files
 
 FINE = 1e-6  # of the points' spacing: what is told of motions is as fine
 
@@ -20,7 +20,7 @@ FINE = 1e-6  # of the points' spacing: what is told of motions is as fine
 def exported(near_and_far, tmp_path):
     scene, result = near_and_far[1]
     frames = [scene.sequence.to_input(frame) for frame in scene.sequence.frames()]
-    robot = describe(result, frames, ExportConfig(triangles=400), "far")
+    robot = compute_export(result, frames, ExportConfig(triangles=400), "far")
     (tmp_path / "meshes").mkdir()
     for write in WRITERS.values():
         for file, content in write(robot).items():
@@ -73,7 +73,7 @@ def test_meshes_are_as_large_as_near_the_origin_and_closed(exported):
 
 def test_simulators_move_every_part_as_the_model_says(exported):
     result, robot, folder = exported
-    tolerance = FINE * spacing(result.canonical_points) + 2e-9  # which is what 64 bits hold there
+    tolerance = FINE * point_spacing(result.canonical_points) + 2e-9  # which is what 64 bits hold there
     loaded = yourdfpy.URDF.load(str(folder / "robot.urdf"))
     assert loaded.validate()
     [joint] = robot.joints

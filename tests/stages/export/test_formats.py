@@ -10,8 +10,8 @@ import trimesh
 import yourdfpy
 
 from schemas.config import ExportConfig
-from stages.export import WRITERS, describe
 from stages.export.markup import stl
+from stages.export.stage import WRITERS, compute_export
 
 
 @pytest.fixture(params=["hinge", "drawer", "hinge on a moving base"])
@@ -19,7 +19,7 @@ def exported(request, fit_of, tmp_path):
     """A fit, its description, and both files written."""
     name, _, moving = request.param.partition(" ")
     result = fit_of(request.getfixturevalue(name), free=bool(moving))
-    robot = describe(result, None, ExportConfig(triangles=400), "box & <lid>")
+    robot = compute_export(result, None, ExportConfig(triangles=400), "box & <lid>")
     (tmp_path / "meshes").mkdir()
     for write in WRITERS.values():
         for file, content in write(robot).items():
@@ -84,7 +84,7 @@ def test_a_thousand_steps_stay_finite_without_a_warning(exported, file):
 
 @pytest.mark.parametrize("writer", WRITERS)
 def test_links_that_overlap_are_not_flung_apart(hinge, fit_of, tmp_path, writer):
-    robot = describe(fit_of(hinge), None, ExportConfig(triangles=400), "box")
+    robot = compute_export(fit_of(hinge), None, ExportConfig(triangles=400), "box")
     files = WRITERS[writer](robot.replace(vertices=1.5 * robot.vertices))
     (tmp_path / "meshes").mkdir()
     for file, content in files.items():
@@ -136,7 +136,7 @@ def test_links_that_touch_do_not_collide_in_the_mjcf(exported):
 def test_the_file_says_what_it_took_a_unit_for_and_which_meshes_are_open(exported, fit_of, hinge):
     result = fit_of(hinge)
     unknown = result.replace(model=result.model.model_copy(update={"units": "unknown"}))
-    robot = describe(unknown, None, ExportConfig(triangles=400), "box")
+    robot = compute_export(unknown, None, ExportConfig(triangles=400), "box")
     robot = robot.replace(meshes=tuple(mesh.model_copy(update={"closed": mesh.link == 0}) for mesh in robot.meshes))
     for writer in WRITERS.values():
         text = next(iter(writer(robot).values())).decode()

@@ -1,8 +1,8 @@
 import pytest
 
 from schemas.config import ExportConfig
-from stages.export import describe
 from stages.export.remarks import remarks
+from stages.export.stage import compute_export
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_an_absurd_size_or_mass_is_told_with_what_to_say(model, units, scale, si
 def test_a_description_has_its_remarks(hinge, fit_of):
     result = fit_of(hinge)
     in_millimetres = result.model.model_copy(update={"units": "unknown"})
-    assert describe(result, None, ExportConfig(triangles=50), "box").remarks == ()
+    assert compute_export(result, None, ExportConfig(triangles=50), "box").remarks == ()
     config = ExportConfig(triangles=50, metres_per_unit=1000.0)
-    [line] = describe(result.replace(model=in_millimetres), None, config, "box").remarks
+    [line] = compute_export(result.replace(model=in_millimetres), None, config, "box").remarks
     assert "kg heavy" in line

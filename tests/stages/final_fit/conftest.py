@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from schemas.config import FinalFitConfig
+from schemas.joints import PRISMATIC, REVOLUTE
 from stages.final_fit.working import Fit, Frames
 from stages.kernels.alignment.registration import Registration
-from stages.kernels.kinematics.articulation import Chain
+from stages.kernels.kinematics.chain import Chain, Joint
 
 CANONICAL = 2
-REACH = 2.0
 FIRST, SECOND = np.array([0.3, 0.2, 0.0, 0.1, 0.4]), np.array([0.1, 0.4, 0.0, 0.3, 0.0])  # what `slides` moves by
 
 
@@ -35,7 +36,7 @@ class Case:
         """The same, with the whole object moved by Ts (frames, 4, 4)."""
         clouds = [p @ T[:3, :3].T + T[:3, 3] for p, T in zip(self.frames.registration.frames, Ts, strict=True)]
         frames = replace(self.frames, registration=Registration(clouds, CANONICAL), p_all=clouds[CANONICAL])
-        return Case(frames, Fit(replace(self.chain, T_frame_root=Ts, free_root=True), self.labels))
+        return Case(frames, Fit(Chain.of(self.chain.joints(), self.chain.tree.root, Ts, free_root=True), self.labels))
 
 
 def still(frames: int) -> np.ndarray:
@@ -43,34 +44,26 @@ def still(frames: int) -> np.ndarray:
 
 
 def case(clouds: list[np.ndarray], labels: np.ndarray, chain: Chain) -> Case:
-    frames = Frames(Registration(clouds, CANONICAL), clouds[CANONICAL], np.arange(len(labels)), CANONICAL, REACH)
+    frames = Frames(
+        Registration(clouds, CANONICAL), clouds[CANONICAL], np.arange(len(labels)), CANONICAL, FinalFitConfig()
+    )
     return Case(frames, Fit(chain, labels))
 
 
-def two_part_case(truth, revolute: bool) -> Case:
-    states = truth.states[:, 0 if revolute else 1]
-    chain = Chain(
-        root=0,
-        parent=np.array([0]),
-        child=np.array([1]),
-        revolute=np.array([revolute]),
-        axis=truth.axis[None],
-        point=truth.point[None],
-        states=states[None],
-        T_frame_root=still(len(states)),
-        free_root=False,
-    )
+def two_part_case(truth) -> Case:
+    joint = Joint(truth.kind, 0, 1, truth.axis, truth.point, truth.states)
+    chain = Chain.of([joint], 0, still(len(truth.states)), free_root=False)
     return case(truth.sequence.frames(), truth.canonical_labels, chain)
 
 
 @pytest.fixture(scope="session")
 def hinge_case(hinge) -> Case:
-    return two_part_case(hinge, True)
+    return two_part_case(hinge)
 
 
 @pytest.fixture(scope="session")
 def drawer_case(drawer) -> Case:
-    return two_part_case(drawer, False)
+    return two_part_case(drawer)
 
 
 @pytest.fixture(params=["hinge_case", "drawer_case"])
@@ -100,20 +93,12 @@ def cylinder(rng: np.random.Generator, count: int, radius: float, height: float)
 def housed() -> Case:
     """Body (0), a round housing (1) that turns about its own axis z, and an arm (2) that turns on it about y."""
     states = np.array([[-0.6, 0.5, 0.0, -0.2, 0.4, -0.5, 0.7], [0.5, 0.6, 0.0, -0.4, -0.6, -0.3, 0.3]])
-    chain = Chain(
-        root=0,
-        parent=np.array([0, 1]),
-        child=np.array([1, 2]),
-        revolute=np.array([True, True]),
-        axis=np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]),
-        point=np.zeros((2, 3)),
-        states=states,
-        T_frame_root=still(states.shape[1]),
-        free_root=False,
-    )
+    axis = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    joints = [Joint(REVOLUTE, k, k + 1, axis[k], np.zeros(3), states[k][:, None]) for k in (0, 1)]
+    chain = Chain.of(joints, 0, still(states.shape[1]), free_root=False)
     counts = [400, 150, 300]
     clouds = []
-    for t, Ts in enumerate(chain.Ts()):
+    for t, Ts in enumerate(chain.Ts):
         rng = np.random.default_rng(t)
         parts = (
             box(rng, counts[0], [-0.3, -0.25, -0.4], [0.3, 0.25, -0.13]),
@@ -130,19 +115,12 @@ def slides():
     axis at an angle of `turn` to that; against part 0 they move by FIRST and, for no turn, SECOND."""
 
     def slides_of(corners, turn: float = 0.0) -> Case:
-        chain = Chain(
-            root=0,
-            parent=np.array([0, 1]),
-            child=np.array([1, 2]),
-            revolute=np.array([False, False]),
-            axis=np.array([[0.0, 1.0, 0.0], [0.0, np.cos(turn), np.sin(turn)]]),
-            point=np.zeros((2, 3)),
-            states=np.stack([FIRST, SECOND - FIRST]),
-            T_frame_root=still(5),
-            free_root=False,
-        )
+        axis = np.array([[0.0, 1.0, 0.0], [0.0, np.cos(turn), np.sin(turn)]])
+        states = np.stack([FIRST, SECOND - FIRST])
+        joints = [Joint(PRISMATIC, k, k + 1, axis[k], np.zeros(3), states[k][:, None]) for k in (0, 1)]
+        chain = Chain.of(joints, 0, still(5), free_root=False)
         counts, clouds = [500, 250, 250], []
-        for t, Ts in enumerate(chain.Ts()):
+        for t, Ts in enumerate(chain.Ts):
             rng = np.random.default_rng(t)
             boxes = zip(counts, corners, Ts, strict=True)
             clouds.append(np.concatenate([box(rng, count, *low_high) + T[:3, 3] for count, low_high, T in boxes]))

@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from schemas.joints import PRISMATIC, REVOLUTE
 from schemas.kinematic import CONFIDENCES
 from stages.final_fit.confidence import joint_confidence
 from stages.final_fit.working import Fit
-from stages.kernels.kinematics.articulation import Joint
+from stages.kernels.kinematics.chain import Chain, Joint
 
 PRICE = 30.0
 PART, LINK, TYPE = (CONFIDENCES.index(name) for name in ("part", "link", "type"))
@@ -33,7 +34,7 @@ def test_a_part_that_moves_like_its_parent_is_not_one_of_its_own(housed):
     """The end of the arm, cut off; the arm itself remains as sure as it was."""
     end = (housed.labels == 2) & (housed.frames.p[:, 0] > 0.45)
     arm = housed.chain.joint(1)
-    rest = Joint(2, 3, True, arm.axis, arm.point, 0 * arm.states)
+    rest = Joint(REVOLUTE, 2, 3, arm.axis, arm.point, 0 * arm.states)
     chain = housed.chain.with_joints([housed.chain.joint(0), arm, rest])
     whole, cut = confidence(housed), confidence(housed, Fit(chain, np.where(end, 3, housed.labels)))
     assert cut[2, PART] < 0.05
@@ -45,7 +46,7 @@ def test_where_the_smaller_piece_carries_the_rest_neither_of_its_joints_is_sure(
     """The arm's near end hangs on the housing, and all else of the arm on that: only one of three joints is there."""
     start = (housed.labels == 2) & (housed.frames.p[:, 0] < 0.25)
     arm = housed.chain.joint(1)
-    rest = Joint(3, 2, True, arm.axis, arm.point, 0 * arm.states)
+    rest = Joint(REVOLUTE, 3, 2, arm.axis, arm.point, 0 * arm.states)
     chain = housed.chain.with_joints([housed.chain.joint(0), replace(arm, child=3), rest])
     assert np.all(confidence(housed, Fit(chain, np.where(start, 3, housed.labels)))[1:, PART] < 0.05)
 
@@ -53,7 +54,7 @@ def test_where_the_smaller_piece_carries_the_rest_neither_of_its_joints_is_sure(
 def test_a_joint_of_the_wrong_type_is_not_sure_of_it(hinge_case):
     """A slide in the hinge's place: turning would cost less."""
     states = 0.1 * hinge_case.chain.joint(0).states
-    wrong = with_joint(hinge_case, 0, revolute=False, states=states)
+    wrong = with_joint(hinge_case, 0, kind=PRISMATIC, states=states)
     assert confidence(hinge_case, wrong)[0, LINK] < 0.2  # nor of one degree of freedom
     assert confidence(hinge_case)[0, TYPE] > 0.9
 
@@ -67,17 +68,17 @@ def test_a_joint_against_the_frames_is_not_sure_of_its_link(housed):
 
 def test_a_parent_that_another_part_could_be_as_well_is_not_sure(housed):
     """The housing turns too little to tell whether the arm hangs on it or on the body."""
-    states = housed.chain.states
-    still = [replace(housed.chain.joint(0), states=0 * states[0]), housed.chain.joint(1)]
+    housing = housed.chain.joint(0)
+    still = [replace(housing, states=0 * housing.states), housed.chain.joint(1)]
     fit = Fit(housed.chain.with_joints(still), housed.labels)
     assert confidence(housed, fit)[1, LINK] < 0.5 * confidence(housed)[1, LINK]
 
 
 def test_numbers_do_not_depend_on_the_unit_or_where_the_object_is(hinge_case, monkeypatch):
     moved = hinge_case.moved(np.tile([[0, -1, 0, 3.0], [1, 0, 0, -2], [0, 0, 1, 1], [0, 0, 0, 1]], (5, 1, 1)))
-    chain = replace(hinge_case.chain, T_frame_root=np.tile(np.eye(4), (5, 1, 1)))
     R, t = moved.chain.T_frame_root[0, :3, :3], moved.chain.T_frame_root[0, :3, 3]
-    chain = replace(chain, axis=chain.axis @ R.T, point=chain.point @ R.T + t)
+    tree = hinge_case.chain.tree
+    chain = Chain(replace(tree, axis=tree.axis @ R.T, point=tree.point @ R.T + t), hinge_case.chain.states)
     np.testing.assert_allclose(confidence(moved, Fit(chain, moved.labels)), confidence(hinge_case), atol=1e-3)
 
 

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
-import torch
 
-import stages.final_fit
 from schemas.config import FinalFitConfig, ProjectionConfig
-from stages.final_fit import fit_final
-from stages.kernels.kinematics.screw import screw_transform
-from stages.projection import link_parts
+from schemas.joints import REVOLUTE
+from stages.final_fit import stage
+from stages.final_fit.stage import compute_final_fit
+from stages.kernels.kinematics.tree import joint_transforms
+from stages.projection.stage import link_parts
 
 CONFIG = FinalFitConfig(points=300, energy_points=200)
 
 
 def fit(model, truth, config=CONFIG, sequence=None, seed=0):
-    return fit_final(model, sequence or truth.sequence, truth.true_flow(), config, np.random.default_rng(seed))
+    return compute_final_fit(model, sequence or truth.sequence, truth.true_flow(), config, np.random.default_rng(seed))
 
 
 def parts_of(truth, size=0.0, labels=None, scale=1.0):
@@ -26,16 +26,14 @@ def parts_of(truth, size=0.0, labels=None, scale=1.0):
     return link_parts(scale * truth.sequence.frames()[2], labels, Ts, 2, ProjectionConfig())
 
 
-@pytest.mark.parametrize(("name", "kind", "free"), [("hinge", "revolute", 0), ("drawer", "prismatic", 1)])
-def test_finds_type_axis_and_states(name, kind, free, request):
-    truth = request.getfixturevalue(name)
+def test_finds_type_axis_and_states(two_part_object):
+    truth = two_part_object
     model = fit(parts_of(truth, 0.02), truth)
-    assert model.joint_types == (kind,)
-    assert np.all(model.states[0, :, 1 - free] == 0)
+    assert model.joint_types == (truth.kind.name,)
     assert abs(model.axis[0] @ truth.axis) > np.cos(np.radians(1))
     sign = np.sign(model.axis[0] @ truth.axis)
-    np.testing.assert_allclose(sign * model.states[0, :, free], truth.states[:, free], atol=0.015)
-    if kind == "revolute":
+    np.testing.assert_allclose(sign * model.states, truth.states, atol=0.015)
+    if truth.kind == REVOLUTE:
         offset = np.cross(model.point[0] - truth.point, truth.axis)
         assert np.linalg.norm(offset) < 0.005
     np.testing.assert_array_equal(model.labels, truth.canonical_labels)
@@ -43,13 +41,10 @@ def test_finds_type_axis_and_states(name, kind, free, request):
 
 def test_motions_are_those_of_forward_kinematics(two_part_object):
     model = fit(parts_of(two_part_object, 0.02), two_part_object)
-    Ts = screw_transform(
-        *(torch.from_numpy(v[0]) for v in (model.axis, model.point)),
-        *torch.from_numpy(model.states[0]).unbind(-1),
-    ).numpy()
+    Ts = joint_transforms(model.point[0], model.states @ two_part_object.kind.basis(model.axis[0]))
     np.testing.assert_allclose(model.Ts_frame_canonical[:, 1], Ts, atol=1e-12)
     np.testing.assert_array_equal(model.Ts_frame_canonical[:, 0], np.tile(np.eye(4), (5, 1, 1)))
-    np.testing.assert_array_equal(model.states[:, 2], 0)
+    np.testing.assert_array_equal(model.states[2], 0)
     assert np.linalg.norm(model.axis[0]) == pytest.approx(1)
     assert model.axis[0] @ model.point[0] == pytest.approx(0, abs=1e-12)
 
@@ -72,7 +67,7 @@ def test_the_unit_does_not_matter(two_part_object):
     flow = truth.true_flow()
     flow = flow.replace(flow=1000 * flow.flow)
     one = fit(parts_of(truth, 0.02), truth)
-    other = fit_final(parts_of(truth, 0.02, scale=1000.0), large, flow, CONFIG, np.random.default_rng(0))
+    other = compute_final_fit(parts_of(truth, 0.02, scale=1000.0), large, flow, CONFIG, np.random.default_rng(0))
     assert other.joint_types == one.joint_types
     np.testing.assert_array_equal(other.labels, one.labels)
     length = 1000.0 if one.joint_types == ("prismatic",) else 1.0
@@ -90,7 +85,7 @@ def test_a_moving_base_is_followed(hinge):
     flow = hinge.true_flow()
     flow = flow.replace(flow=flow.flow + [0, 0.1, 0])
     model = link_parts(sequence.frames()[2], hinge.canonical_labels, Ts, 2, ProjectionConfig())
-    final = fit_final(model, sequence, flow, CONFIG, np.random.default_rng(0))
+    final = compute_final_fit(model, sequence, flow, CONFIG, np.random.default_rng(0))
     assert final.part_count == 2
     np.testing.assert_allclose(final.Ts_frame_canonical[:, final.root, 1, 3], drift, atol=0.01)
     np.testing.assert_array_equal(final.Ts_frame_canonical[2], np.tile(np.eye(4), (2, 1, 1)))
@@ -122,7 +117,7 @@ def test_all_points_have_labels_when_the_fit_works_on_fewer(hinge):
 def test_is_deterministic_and_tells_its_progress(hinge):
     start, steps = parts_of(hinge, 0.02), []
     tell = lambda done, total, *_: steps.append((done, total))  # noqa: E731
-    first = fit_final(start, hinge.sequence, hinge.true_flow(), CONFIG, np.random.default_rng(0), tell)
+    first = compute_final_fit(start, hinge.sequence, hinge.true_flow(), CONFIG, np.random.default_rng(0), tell)
     second = fit(start, hinge, seed=1)
     np.testing.assert_array_equal(first.Ts_frame_canonical, second.Ts_frame_canonical)
     assert steps == [(k, 4) for k in (1, 2, 3, 4)]
@@ -143,7 +138,7 @@ def test_coordinates_that_have_lost_their_digits_lower_the_confidence(hinge):
 def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
     """The same parts, of five frames and of two: what two tell is paid as much for each part as nine would."""
     prices = []
-    monkeypatch.setattr(stages.final_fit, "prune", lambda fit, frames, price, iterations: prices.append(price) or fit)
+    monkeypatch.setattr(stage, "prune", lambda fit, frames, price, iterations: prices.append(price) or fit)
     two = [2, 3]
     sequence = hinge.sequence.replace(
         points=np.concatenate([hinge.sequence.frames()[t] for t in two]),
@@ -163,7 +158,7 @@ def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
     )
     Ts = hinge.Ts_frame_canonical[two]
     model = link_parts(sequence.frames()[0], hinge.canonical_labels, Ts, 0, ProjectionConfig())
-    fitted = fit_final(model, sequence, flow, CONFIG, np.random.default_rng(0))
+    fitted = compute_final_fit(model, sequence, flow, CONFIG, np.random.default_rng(0))
     fit(parts_of(hinge), hinge)
     assert prices == [9 * CONFIG.part_price, 9 / 4 * CONFIG.part_price]
     assert fitted.part_count == 2

@@ -65,7 +65,7 @@ def still(joint):
 
 def test_points_go_only_to_parts_that_touch_or_are_linked_to_theirs(housed):
     """All rests, as the body does by the tree; it would suit the arm's points best, but the arm is far above it."""
-    T_canonical = np.linalg.inv(housed.chain.Ts())[:, housed.labels]
+    T_canonical = np.linalg.inv(housed.chain.Ts)[:, housed.labels]
     up = np.where(housed.labels == 2, 0.2, 0.0)[:, None] * [0, 0, 1]
     clouds = [move_points(T, p) + up for T, p in zip(T_canonical, housed.frames.registration.frames, strict=True)]
     frames = replace(housed.frames, registration=Registration(clouds, 2), p_all=clouds[2])
@@ -82,7 +82,7 @@ def test_fused_points_lie_on_their_own_parts_canonical_surface(hinge_case):
     for part in (0, 1):
         own = hinge_case.frames.p[hinge_case.labels == part]
         distance = nearest(KDTree(own), p[labels == part])[0]
-        assert distance.max() < 6 * hinge_case.frames.noise
+        assert distance.max() < 6 * hinge_case.frames.spacing
     assert len(fuse(hinge_case.fit, hinge_case.frames, 1)[0]) == 400
     assert len(fuse(hinge_case.fit, hinge_case.frames, 3)[0]) == 3 * 400
     assert len(fuse(hinge_case.fit, hinge_case.frames, 99)[0]) == 5 * 400

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-import torch
 
 from stages.final_fit.motion_model import MotionModel
 from stages.kernels.alignment.registration import Registration, turn_about
-from stages.kernels.motion import se3
+from stages.kernels.kinematics.tree import joint_transforms
 
 OTHERS = [0, 1, 3, 4]
 
@@ -12,7 +11,7 @@ OTHERS = [0, 1, 3, 4]
 def disturbed(Ts, size, seed=0):
     noise = np.random.default_rng(seed).normal(scale=size, size=(*Ts.shape[:2], 6))
     noise[2] = 0
-    return se3.exp(torch.from_numpy(noise)).numpy() @ Ts
+    return joint_transforms(np.zeros(3), noise) @ Ts
 
 
 @pytest.fixture
@@ -23,7 +22,7 @@ def registration(hinge):
 @pytest.fixture
 def model(registration, hinge):
     Ts = hinge.Ts_frame_canonical
-    return MotionModel(registration.linearise(hinge.canonical_labels, Ts, 2.0), Ts, registration.noise)
+    return MotionModel(registration.linearise(hinge.canonical_labels, Ts, 2.0), Ts, registration.spacing)
 
 
 def test_its_own_motions_cost_nothing_and_others_the_more_the_farther(model, hinge):
@@ -41,7 +40,7 @@ def test_gradient_is_half_the_derivative_of_cost_far_from_its_own_motions_too(mo
             twist = np.zeros((1, 6))
             twist[0, column] = sign * step
             Ts = start.copy()
-            Ts[t, part] = turn_about(equations.centres[t, [part]], twist, registration.noise)[0] @ Ts[t, part]
+            Ts[t, part] = turn_about(equations.centres[t, [part]], twist, registration.spacing)[0] @ Ts[t, part]
             costs.append(model(Ts).cost)
         assert (costs[0] - costs[1]) / (4 * step) == pytest.approx(equations.gradient[t, part, column], rel=1e-4)
 
@@ -49,7 +48,7 @@ def test_gradient_is_half_the_derivative_of_cost_far_from_its_own_motions_too(mo
 def test_near_its_own_motions_it_costs_what_matching_costs(model, hinge, registration):
     """In the unit of the frames' costs: about, since that one is truncated and matched anew."""
     Ts = hinge.Ts_frame_canonical.copy()
-    Ts[OTHERS, 1, 2, 3] += 0.7 * registration.noise
+    Ts[OTHERS, 1, 2, 3] += 0.7 * registration.spacing
     matched = [
         registration.cost(np.arange(400), hinge.canonical_labels, motions).sum()
         for motions in (hinge.Ts_frame_canonical, Ts)

@@ -19,15 +19,15 @@ TELESCOPE = (
 def test_a_drawer_hangs_on_its_cabinet_and_not_on_the_drawer_beside_it(slides):
     cabinet = slides((CABINET, ABOVE, BELOW))
     hung = hang_slides(cabinet.fit, cabinet.frames, PRICE, ITERATIONS)
-    np.testing.assert_array_equal(hung.chain.parents(), [-1, 0, 0])
-    np.testing.assert_allclose(hung.chain.Ts(), cabinet.chain.Ts(), atol=0.02)
+    np.testing.assert_array_equal(hung.chain.tree.parents, [-1, 0, 0])
+    np.testing.assert_allclose(hung.chain.Ts, cabinet.chain.Ts, atol=0.02)
 
 
 def test_it_does_so_where_it_touches_that_one_more_but_moves_less_against_the_cabinet(slides):
     apart = ([-0.05, -0.41, -0.29], [0.05, 0.15, 0.01])  # touches the cabinet's floor only, and the drawer above widely
     cabinet = slides((CABINET, ABOVE, apart))
     hung = hang_slides(cabinet.fit, cabinet.frames, PRICE, ITERATIONS)
-    np.testing.assert_array_equal(hung.chain.parents(), [-1, 0, 0])
+    np.testing.assert_array_equal(hung.chain.tree.parents, [-1, 0, 0])
 
 
 @pytest.mark.parametrize(("corners", "turn"), [(TELESCOPE, 0.0), ((CABINET, ABOVE, BELOW), 0.5)])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from schemas.config import FinalFitConfig
+from schemas.joints import PRISMATIC
 from stages.final_fit.pruning import join, prune
 from stages.final_fit.working import Fit
 from stages.kernels.alignment.registration import Registration
@@ -12,15 +13,16 @@ PRICE, ITERATIONS = FinalFitConfig().part_price, FinalFitConfig().prune_iteratio
 
 
 def check_tree(fit):
-    """Numbers are 0..parts-1, every part is a child once or the root, and parents' joints come first."""
+    """Numbers are 0..parts-1, every part is a child once or the root, and all joints hang on it."""
     chain = fit.chain
     assert fit.labels.max() < chain.parts
-    assert sorted([chain.root, *chain.child]) == list(range(chain.parts))
-    known = {chain.root}
-    for parent, child in zip(chain.parent.tolist(), chain.child.tolist(), strict=True):
-        assert parent in known
-        known.add(child)
-    np.testing.assert_array_equal(chain.states[:, 2], 0)
+    assert sorted([chain.tree.root, *chain.tree.child]) == list(range(chain.parts))
+    known = {chain.tree.root}
+    for joint in chain.tree.order:
+        assert chain.tree.parent[joint] in known
+        known.add(chain.tree.child[joint])
+    assert len(known) == chain.parts
+    np.testing.assert_array_equal(chain.joint_states[2], 0)
 
 
 def cut(case, part, chosen, before=False):
@@ -55,8 +57,8 @@ def test_a_part_cut_in_two_is_joined_again(housed, part, before, share):
     pruned = prune(fit, housed.frames, PRICE, ITERATIONS)
     check_tree(pruned)
     np.testing.assert_array_equal(pruned.labels, housed.labels)
-    np.testing.assert_array_equal(pruned.chain.parents(), housed.chain.parents())
-    np.testing.assert_allclose(pruned.chain.Ts(), housed.chain.Ts(), atol=0.03)
+    np.testing.assert_array_equal(pruned.chain.tree.parents, housed.chain.tree.parents)
+    np.testing.assert_allclose(pruned.chain.Ts, housed.chain.Ts, atol=0.03)
 
 
 def test_several_pieces_are_joined_one_after_another(housed):
@@ -93,7 +95,7 @@ def test_pieces_of_one_rigid_part_that_do_not_hang_on_each_other_are_joined(hing
     pruned = prune(fit, hinge_case.frames, PRICE, ITERATIONS)
     check_tree(pruned)
     np.testing.assert_array_equal(pruned.labels, hinge_case.labels)
-    np.testing.assert_allclose(pruned.chain.Ts(), hinge_case.chain.Ts(), atol=0.03)
+    np.testing.assert_allclose(pruned.chain.Ts, hinge_case.chain.Ts, atol=0.03)
 
 
 def test_what_hangs_on_a_part_that_joins_its_sibling_comes_after_that(housed):
@@ -102,7 +104,7 @@ def test_what_hangs_on_a_part_that_joins_its_sibling_comes_after_that(housed):
     fit = Fit(housed.chain.with_joints([first, arm, second]), housed.labels)
     joined = join(fit, housed.frames, 1, 3)
     check_tree(joined)
-    np.testing.assert_array_equal(joined.chain.parents(), [-1, 2, 0])
+    np.testing.assert_array_equal(joined.chain.tree.parents, [-1, 2, 0])
 
 
 def test_a_part_cannot_be_joined_with_one_that_hangs_below_its_children(housed):
@@ -114,7 +116,7 @@ def test_a_part_that_fits_elsewhere_and_leaves_its_own_place_empty_is_joined(hin
     """Points of the body's edge slide onto other points, which they fit by chance."""
     fit, frames = cut(hinge_case, 0, end_of(hinge_case, 0, 0.05)), hinge_case.frames
     slide = np.array([0.5, 0.5, 0.0, 0.5, 0.5])
-    astray = replace(fit.chain.joint(1), revolute=False, axis=np.array([0.0, -1.0, 0.0]), states=slide)
+    astray = replace(fit.chain.joint(1), kind=PRISMATIC, axis=np.array([0.0, -1.0, 0.0]), states=slide[:, None])
     fit = frames.refine(Fit(fit.chain.with_joints([fit.chain.joint(0), astray]), fit.labels), ITERATIONS)
     price = 0.5 * (frames.cost(join(fit, frames, 2, 0)) - frames.cost(fit))
     assert price > 0
@@ -125,21 +127,23 @@ def test_joining_onto_the_parent_hangs_children_there(housed):
     joined = join(housed.fit, housed.frames, 1, 0)
     check_tree(joined)
     np.testing.assert_array_equal(joined.labels, np.array([0, 0, 1])[housed.labels])
-    np.testing.assert_array_equal(joined.chain.parents(), [-1, 0])
+    np.testing.assert_array_equal(joined.chain.tree.parents, [-1, 0])
 
 
 def test_joining_onto_the_only_child_leaves_it_where_it_was(housed):
     joined = join(housed.fit, housed.frames, 1, 2)
     check_tree(joined)
     np.testing.assert_array_equal(joined.labels, np.array([0, 1, 1])[housed.labels])
-    np.testing.assert_array_equal(joined.chain.parents(), [-1, 0])
+    np.testing.assert_array_equal(joined.chain.tree.parents, [-1, 0])
 
 
 def test_joining_keeps_joints_that_it_does_not_touch(housed):
     joined = join(cut(housed, 0, end_of(housed, 0)), housed.frames, 3, 0)
     check_tree(joined)
-    for name in ("parent", "child", "revolute", "axis", "point", "states"):
-        np.testing.assert_array_equal(getattr(joined.chain, name), getattr(housed.chain, name))
+    for name in ("parent", "child", "axis", "point"):
+        np.testing.assert_array_equal(getattr(joined.chain.tree, name), getattr(housed.chain.tree, name))
+    assert joined.chain.tree.kinds == housed.chain.tree.kinds
+    np.testing.assert_array_equal(joined.chain.states, housed.chain.states)
 
 
 def test_the_root_is_joined_onto_its_child(hinge_case):
@@ -147,6 +151,6 @@ def test_the_root_is_joined_onto_its_child(hinge_case):
     drift[:, 1, 3] = [0.1, -0.2, 0.0, 0.1, 0.3]
     moved = hinge_case.moved(drift)
     joined = join(moved.fit, moved.frames, 0, 1)
-    assert (joined.chain.parts, joined.chain.root, joined.chain.free_root) == (1, 0, True)
+    assert (joined.chain.parts, joined.chain.tree.root, joined.chain.tree.free_root) == (1, 0, True)
     np.testing.assert_array_equal(joined.labels, 0)
-    np.testing.assert_allclose(joined.chain.Ts()[:, 0], moved.chain.Ts()[:, 1])
+    np.testing.assert_allclose(joined.chain.Ts[:, 0], moved.chain.Ts[:, 1])

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-import torch
 
 from stages.flow.deformation_graph import Alignment, BlockPattern, build_graph, deform, pair_blocks
-from stages.kernels.motion import se3
-from stages.kernels.points.sampling import normals, spacing
+from stages.kernels.kinematics.tree import joint_transforms
+from stages.kernels.points.sampling import normals, point_spacing
 
 
 def bumpy_sheet(seed, count=600):
@@ -24,17 +23,17 @@ def test_weights_add_up_and_edges_go_both_ways(graph):
 
 
 def test_one_rigid_motion_of_all_nodes_moves_points_rigidly(graph):
-    T = se3.exp(torch.tensor([0.3, -0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)).numpy()
+    T = joint_transforms(np.zeros(3), np.array([0.3, -0.2, 0.5, 1.0, 2.0, 3.0]))
     p = bumpy_sheet(0)
     moved = deform(graph, np.tile(T, (len(graph.p_nodes), 1, 1)), p)
     np.testing.assert_allclose(moved, p @ T[:3, :3].T + T[:3, 3], atol=1e-12)
 
 
 def test_aligns_to_an_independent_sample_of_a_moved_surface(graph):
-    T = se3.exp(torch.tensor([0.1, 0.05, 0.1, 0.05, -0.05, 0.05], dtype=torch.float64)).numpy()
+    T = joint_transforms(np.zeros(3), np.array([0.1, 0.05, 0.1, 0.05, -0.05, 0.05]))
     target = bumpy_sheet(1) @ T[:3, :3].T + T[:3, 3]
     source = bumpy_sheet(0)
-    alignment = Alignment(graph, source, target, normals(target), spacing(target))
+    alignment = Alignment(graph, source, target, normals(target), point_spacing(target))
     Ts = np.tile(np.eye(4), (len(graph.p_nodes), 1, 1))
     before = alignment.cost(Ts, 3.0)
     for stiffness in (30.0, 10.0, 3.0):
@@ -42,7 +41,7 @@ def test_aligns_to_an_independent_sample_of_a_moved_surface(graph):
             Ts = alignment.step(Ts, stiffness, 8.0)
     assert alignment.cost(Ts, 3.0) < 0.5 * before
     error = np.linalg.norm(deform(graph, Ts, source) - (source @ T[:3, :3].T + T[:3, 3]), axis=1)
-    assert error.mean() < spacing(target)
+    assert error.mean() < point_spacing(target)
 
 
 def test_limbs_that_are_close_but_not_connected_have_nodes_of_their_own():
@@ -83,7 +82,7 @@ def test_a_joint_costs_less_stiffness_the_farther_it_opens(graph):
         Ts[right, 0, 3] = gap
         # the target is where the source has been moved to: only stiffness pulls
         target = deform(graph, Ts, bumpy_sheet(0))
-        alignment = Alignment(graph, bumpy_sheet(0), target, normals(target), spacing(target))
+        alignment = Alignment(graph, bumpy_sheet(0), target, normals(target), point_spacing(target))
         return np.linalg.norm((alignment.step(Ts, 3.0, 4.0) - Ts)[:, :3, 3])
 
     assert pull(0.8) < pull(0.1)

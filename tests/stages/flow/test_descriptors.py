@@ -2,8 +2,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from schemas.config import FlowConfig
-from stages.flow import estimate_flow
 from stages.flow.descriptors import SHARPNESS, fpfh
+from stages.flow.stage import compute_flow
 
 
 def test_descriptors_have_one_length_and_do_not_turn_with_the_cloud(hinge):
@@ -15,7 +15,7 @@ def test_descriptors_have_one_length_and_do_not_turn_with_the_cloud(hinge):
 
 
 def test_the_estimator_fpfh_says_where_matched_points_went(hinge):
-    flow = estimate_flow(hinge.sequence, FlowConfig(estimator="fpfh"), np.random.default_rng(0))
+    flow = compute_flow(hinge.sequence, FlowConfig(estimator="fpfh"), np.random.default_rng(0))
     frames = hinge.sequence.frames()
     assert flow.match_counts.sum() > 20
     for t, (source, target, motion, confidence) in enumerate(flow.pairs()):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from schemas.config import FlowConfig
-from stages.flow import ESTIMATORS, estimate_flow
 from stages.flow.pair import PairFlow
+from stages.flow.stage import ESTIMATORS, compute_flow
 
 RNG = np.random.default_rng(0)
 
@@ -22,7 +22,7 @@ def pair(**changes):
 
 def test_a_sound_answer_becomes_a_flow(hinge, monkeypatch):
     monkeypatch.setitem(ESTIMATORS, "mine", lambda *args: [pair()] * 4)
-    assert estimate_flow(hinge.sequence, FlowConfig(estimator="mine"), RNG).match_counts.tolist() == [4] * 4
+    assert compute_flow(hinge.sequence, FlowConfig(estimator="mine"), RNG).match_counts.tolist() == [4] * 4
 
 
 @pytest.mark.parametrize(
@@ -45,6 +45,6 @@ def test_a_sound_answer_becomes_a_flow(hinge, monkeypatch):
 def test_a_wrong_answer_is_told_in_one_line(hinge, monkeypatch, answer, message):
     monkeypatch.setitem(ESTIMATORS, "mine", lambda *args: answer)
     with pytest.raises(ValueError, match=r"^flow\.estimator 'mine'") as caught:
-        estimate_flow(hinge.sequence, FlowConfig(estimator="mine"), RNG)
+        compute_flow(hinge.sequence, FlowConfig(estimator="mine"), RNG)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)

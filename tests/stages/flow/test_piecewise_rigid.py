@@ -6,7 +6,7 @@ from stages.flow.deformation_graph import build_graph
 from stages.flow.piecewise_rigid import Nodes, Surface, piecewise_rigid, suggested_motions
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import spacing
+from stages.kernels.points.sampling import point_spacing
 
 T_LID = np.eye(4)
 T_LID[:3, :3] = Rotation.from_rotvec([0.0, 2.0, 0.0]).as_matrix()
@@ -38,7 +38,7 @@ def nodes_of(points):
 def test_triples_find_both_motions_among_many_wrong_matches(clouds):
     before, after, labels, _ = clouds
     Ts, seed = suggested_motions(
-        before[::20], before, guessed_places(clouds, 0.4), spacing(after), np.random.default_rng(0)
+        before[::20], before, guessed_places(clouds, 0.4), point_spacing(after), np.random.default_rng(0)
     )
     for T_true, own in ((np.eye(4), labels == 0), (T_LID, labels == 1)):
         misses = np.linalg.norm(move_points(Ts[:, None], before[own]) - move_points(T_true, before[own]), axis=-1)
@@ -56,7 +56,7 @@ def test_every_node_takes_the_motion_of_its_part(clouds, share_right):
         Surface.of(after),
         before,
         guessed_places(clouds, share_right),
-        spacing(after),
+        point_spacing(after),
         np.random.default_rng(0),
     )
     miss = np.linalg.norm(move_points(Ts[nodes.of_point], before) - p_true, axis=1)
@@ -73,7 +73,7 @@ def test_with_too_few_matches_all_stands_still(clouds, count):
         Surface.of(before),
         before[:count],
         after[:count],
-        spacing(before),
+        point_spacing(before),
         np.random.default_rng(0),
     )
     np.testing.assert_allclose(Ts, np.tile(np.eye(4), (60, 1, 1)), atol=1e-9)

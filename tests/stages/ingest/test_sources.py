@@ -12,8 +12,8 @@ import pytest
 
 from schemas.config import IngestConfig
 from schemas.errors import InputError
-from stages.ingest import ingest
 from stages.ingest.sources import FileSource, RoboartSource, file_source, list_sources
+from stages.ingest.stage import compute_ingest
 
 CONFIG = IngestConfig()
 
@@ -91,12 +91,12 @@ def test_the_ground_truth_is_found_beside_the_frames_or_above_them(tmp_path: Pat
     for path in ("direct", "below", "below/frames"):
         source = file_source(tmp_path / path)
         assert source.truth_path is not None
-        loaded = ingest(source, CONFIG, np.random.default_rng(0))
+        loaded = compute_ingest(source, CONFIG, np.random.default_rng(0))
         assert loaded.truth is not None
         assert loaded.truth.parent.tolist() == [-1, 0]
         assert len(loaded.truth.labels) == 120
     pickles = file_source(write_pickles(tmp_path / "original"))
-    truth = ingest(pickles, CONFIG, np.random.default_rng(0)).truth
+    truth = compute_ingest(pickles, CONFIG, np.random.default_rng(0)).truth
     assert truth is not None
     assert truth.parent.tolist() == [-1, -1]
     assert file_source(write_frames(tmp_path / "plain")).truth_path is None
@@ -105,7 +105,7 @@ def test_the_ground_truth_is_found_beside_the_frames_or_above_them(tmp_path: Pat
 def test_points_and_units_of_files_arrive_normalised(tmp_path: Path) -> None:
     source = file_source(write_frames(tmp_path / "a"))
     steps = []
-    loaded = ingest(
+    loaded = compute_ingest(
         source,
         IngestConfig(units="millimetre"),
         np.random.default_rng(0),

@@ -141,11 +141,20 @@ def test_joints_that_are_not_named_stay_as_in_the_canonical_frame(model):
         ({"slider": 1e16}, "joint slider: found 1e.16, expected finite numbers up to 1e"),
         ({"ball": 1.0}, "joint ball: found 1.0, expected a rotation vector"),
         ({"hinge": (0.0, 0.0, 1.0)}, "expected one number"),
+        ({"hinge": (0.5,)}, "expected one number"),
+        ({"ball": (0.1, 0.2)}, "expected a rotation vector of three numbers"),
+        ({"ball": ()}, "expected a rotation vector of three numbers"),
     ],
 )
 def test_states_that_a_joint_cannot_have_are_refused(model, states, complaint):
     with pytest.raises(InputError, match=complaint):
         pose_by_states(model, states, STILL)
+
+
+def test_a_state_of_many_numbers_does_not_fill_the_screen_either(model):
+    with pytest.raises(InputError) as caught:
+        pose_by_states(model, {"ball": (0.1,) * 100_000}, STILL)
+    assert len(str(caught.value)) < 400
 
 
 @pytest.mark.parametrize("states", [{"elbow": 1.0}, {"w" * 100_000: 1.0}, {"h" * 100_000: 9.0}, {"h" * 100_000: 1e16}])

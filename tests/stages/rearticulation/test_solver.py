@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from schemas.joints import REVOLUTE, SPHERICAL
 from schemas.kinematic import KinematicModel
-from stages.rearticulation.mechanism import FREE_COLUMNS, Mechanism
+from stages.kernels.kinematics.chain import Chain, Joint
+from stages.rearticulation.mechanism import Mechanism, chain_of
 from stages.rearticulation.solver import condensed, rearticulate
 
 FRAMES, CANONICAL = 6, 2
@@ -31,6 +33,7 @@ def random_model(rng: np.random.Generator, joint_types: list[str], observed: flo
         if kind != "revolute":
             states[j, :, 1] = rng.uniform(-0.05, 0.05, FRAMES)
     states[:, CANONICAL] = 0
+    columns = [states[j][:, free_columns(kind)] for j, kind in enumerate(joint_types)]
     model = KinematicModel(
         canonical_frame=CANONICAL,
         root=0,
@@ -41,7 +44,7 @@ def random_model(rng: np.random.Generator, joint_types: list[str], observed: flo
         joint_types=tuple(joint_types),
         axis=axis,
         point=point - axis * (point * axis).sum(1, keepdims=True),
-        states=states,
+        states=np.concatenate([np.zeros((FRAMES, 0)), *columns], axis=1),
         e_spatial=np.zeros(joints),
         e_1dof=np.zeros(joints),
         energies={},
@@ -64,12 +67,24 @@ def solve(
     model: KinematicModel, p_source: np.ndarray, parts: np.ndarray, p_target: np.ndarray, free_root: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """States (joints, 2) and poses (parts, 4, 4)."""
-    mechanism = Mechanism.of(model, free_root)
+    mechanism = Mechanism.without_limits(chain_of(model, free_root))
     found = rearticulate(mechanism, p_source, parts, p_target)
-    states = np.zeros((len(model.joint_types), 2))
+    return turns_and_slides(model, found.coordinates), found.Ts_pose_canonical
+
+
+def free_columns(kind: str) -> list[int]:
+    """Which of (angle, distance) a joint of each type can change."""
+    return {"revolute": [0], "prismatic": [1], "screw": [0, 1]}[kind]
+
+
+def turns_and_slides(model: KinematicModel, coordinates: np.ndarray) -> np.ndarray:
+    """The angle and the distance of every joint (joints, 2)."""
+    states, first = np.zeros((len(model.joint_types), 2)), 0
     for j, kind in enumerate(model.joint_types):
-        states[j, FREE_COLUMNS[kind]] = found.coordinates[mechanism.coordinates_of(j)]
-    return states, found.Ts_pose_canonical
+        free = free_columns(kind)
+        states[j, free] = coordinates[first : first + len(free)]
+        first += len(free)
+    return states
 
 
 def moved(Ts: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -138,9 +153,9 @@ def test_a_joint_without_targets_stays_as_in_the_nearest_observed_frame() -> Non
     model = random_model(rng, ["revolute", "revolute", "revolute"])
     model = model.replace(joint_parent=np.array([0, 0, 0]))
     p_source = point_of_each_part(rng, model)[1:3]
-    p_target = moved(pose(model, model.states[:, 4])[1:3], p_source)
+    p_target = moved(pose(model, turns_and_slides(model, model.states[4]))[1:3], p_source)
     states, _ = solve(model, p_source, np.array([1, 2]), p_target)
-    np.testing.assert_allclose(states, model.states[:, 4], atol=1e-6)
+    np.testing.assert_allclose(states, turns_and_slides(model, model.states[4]), atol=1e-6)
 
 
 def test_without_any_target_the_canonical_pose_remains() -> None:
@@ -245,7 +260,7 @@ def test_limits_are_kept_and_the_joints_at_them_are_told() -> None:
     model = random_model(rng, ["revolute", "revolute", "prismatic", "revolute"])
     true = np.array([[0.9, 0.0], [-0.2, 0.0], [0.0, -0.2], [0.1, 0.0]])
     bound = np.array([0.5, 0.5, 0.1, 0.5])
-    mechanism = replace(Mechanism.of(model, False), lower=-bound, upper=bound)
+    mechanism = replace(Mechanism.without_limits(chain_of(model, False)), lower=-bound, upper=bound)
     p_source, parts = dense(rng, model, 20)
     p_target = moved(pose(model, true)[parts], p_source)
     found = rearticulate(mechanism, p_source, parts, p_target)
@@ -263,15 +278,12 @@ def test_limits_are_kept_and_the_joints_at_them_are_told() -> None:
 
 def ball_chain(observed: np.ndarray) -> Mechanism:
     """Part 1 hangs on part 0 by a ball at (0.2, 0, 0), part 2 on it by a hinge about y at (0.4, 0, 0)."""
-    return Mechanism.assembled(
-        links=np.array([[0, 1], [1, 2]]),
-        types=["spherical", "revolute"],
-        axis=np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]),
-        point=np.array([[0.2, 0.0, 0.0], [0.4, 0.0, 0.0]]),
-        states=[observed, np.zeros((len(observed), 1))],
-        T_frame_root=np.tile(np.eye(4), (len(observed), 1, 1)),
-        free_root=None,
-    )
+    joints = [
+        Joint(SPHERICAL, 0, 1, np.array([0.0, 0.0, 1.0]), np.array([0.2, 0.0, 0.0]), observed),
+        Joint(REVOLUTE, 1, 2, np.array([0.0, 1.0, 0.0]), np.array([0.4, 0.0, 0.0]), np.zeros((len(observed), 1))),
+    ]
+    T_frame_root = np.tile(np.eye(4), (len(observed), 1, 1))
+    return Mechanism.without_limits(Chain.of(joints, 0, T_frame_root, free_root=False))
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.5, 2.8, np.pi])
@@ -284,7 +296,7 @@ def test_a_ball_joint_turns_about_any_axis(angle: float) -> None:
     found = rearticulate(mechanism, p_source, parts, moved(Ts[parts], p_source))
     np.testing.assert_allclose(found.Ts_pose_canonical, Ts, atol=1e-6)
     assert found.coordinates[3] == pytest.approx(0.7)
-    assert not found.untold.any()
+    assert not found.undetermined.any()
 
 
 def test_a_ball_joint_turns_no_farther_than_its_limit() -> None:
@@ -316,26 +328,20 @@ def test_what_the_targets_do_not_tell_is_told_and_stays_at_the_nearest_observed_
     p_source = np.array([[0.3, 0.0, 0.0]])  # one point of the ball's part: a turn about the line to it is not told
     found = rearticulate(mechanism, p_source, np.array([1]), moved(Ts[1:2], p_source))
     np.testing.assert_allclose(found.coordinates, [0.4, 0.2, -0.3, 0.0], atol=1e-6)
-    assert found.untold[3] == 1
-    assert found.untold[:3].sum() == pytest.approx(1, abs=1e-3)
+    assert found.undetermined[3] == 1
+    assert found.undetermined[:3].sum() == pytest.approx(1, abs=1e-3)
 
 
 def test_a_chain_of_hinges_with_one_target_at_its_end_reaches_it_though_no_hinge_is_told() -> None:
     joints = 5
-    mechanism = Mechanism.assembled(
-        links=np.stack([np.arange(joints), np.arange(1, joints + 1)], axis=1),
-        types=["revolute"] * joints,
-        axis=np.tile([0.0, 0.0, 1.0], (joints, 1)),
-        point=np.arange(1, joints + 1)[:, None] * [0.15, 0.02, 0.0],
-        states=[np.zeros((1, 1))] * joints,
-        T_frame_root=np.eye(4)[None],
-        free_root=None,
-    )
+    axis, step = np.array([0.0, 0.0, 1.0]), np.array([0.15, 0.02, 0.0])
+    hinges = [Joint(REVOLUTE, j, j + 1, axis, (j + 1) * step, np.zeros((1, 1))) for j in range(joints)]
+    mechanism = Mechanism.without_limits(Chain.of(hinges, 0, np.eye(4)[None], free_root=False))
     p_target = np.array([[0.5, 0.5, 0.0]])
     found = rearticulate(mechanism, np.array([[0.9, 0.0, 0.0]]), np.array([joints]), p_target)
     reached = moved(found.Ts_pose_canonical[[joints]], np.array([[0.9, 0.0, 0.0]]))
     np.testing.assert_allclose(reached, p_target, atol=1e-4)
-    assert (found.untold > 0.05).all()
+    assert (found.undetermined > 0.05).all()
 
 
 def test_noise_does_not_turn_a_joint_whose_targets_lie_next_to_its_axis() -> None:
@@ -345,9 +351,9 @@ def test_noise_does_not_turn_a_joint_whose_targets_lie_next_to_its_axis() -> Non
     on_axis = model.point[1] + np.linspace(-0.1, 0.1, 20)[:, None] * model.axis[1]
     p_source[parts == 2] = on_axis + rng.normal(size=(20, 3)) * 1e-4
     p_target = p_source + rng.normal(size=p_source.shape) * 5e-3
-    mechanism = Mechanism.of(model, False)
+    mechanism = Mechanism.without_limits(chain_of(model, False))
     found = rearticulate(mechanism, p_source, parts, p_target)
-    start = np.abs(mechanism.observed[:, 1] - found.coordinates[1]).min()
-    assert (found.untold > 0.05).tolist()[0] is False
-    assert found.untold[1] > 0.9
+    start = np.abs(mechanism.chain.states[:, 1] - found.coordinates[1]).min()
+    assert (found.undetermined > 0.05).tolist()[0] is False
+    assert found.undetermined[1] > 0.9
     assert min(start, abs(found.coordinates[1])) < 0.01

@@ -5,9 +5,8 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.config import AlternatingConfig, RelaxedFitConfig
-from stages.kernels.alignment.registration import Registration
+from stages.kernels.alignment.registration import TRUNCATION, Registration
 from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
-from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.alternating import (
     Parts,
     Problem,
@@ -18,6 +17,7 @@ from stages.relaxed_fit.alternating import (
     relabel,
     split,
 )
+from stages.relaxed_fit.stage import compute_relaxed_fit
 
 SETTINGS = AlternatingConfig(points=400, start_parts=6, rounds=4, closing_rounds=2, patches=20, patch_points=30)
 CONFIG = RelaxedFitConfig(solver="alternating", alternating=SETTINGS)
@@ -34,7 +34,7 @@ def true_parts(truth):
 
 def test_finds_the_parts_of_a_known_object(two_part_object):
     truth = two_part_object
-    model = fit_relaxed(truth.sequence, truth.true_flow(), 2, CONFIG, np.random.default_rng(0))
+    model = compute_relaxed_fit(truth.sequence, truth.true_flow(), 2, CONFIG, np.random.default_rng(0))
     assert adjusted_rand_score(model.labels, truth.canonical_labels) > 0.95
     part = model.labels[-1]
     difference = model.Ts_frame_canonical[:, part] - truth.Ts_frame_canonical[:, 1]
@@ -43,7 +43,8 @@ def test_finds_the_parts_of_a_known_object(two_part_object):
 
 def test_is_deterministic(hinge):
     first, second = (
-        fit_relaxed(hinge.sequence, hinge.true_flow(), 2, CONFIG, np.random.default_rng(seed)) for seed in (0, 1)
+        compute_relaxed_fit(hinge.sequence, hinge.true_flow(), 2, CONFIG, np.random.default_rng(seed))
+        for seed in (0, 1)
     )
     np.testing.assert_array_equal(first.Ts_frame_canonical, second.Ts_frame_canonical)
 
@@ -51,7 +52,7 @@ def test_is_deterministic(hinge):
 def test_labels_cover_all_points_when_the_fit_works_on_fewer(hinge):
     settings = SETTINGS.model_copy(update={"points": 200})
     config = CONFIG.model_copy(update={"alternating": settings})
-    model = fit_relaxed(hinge.sequence, hinge.true_flow(), 2, config, np.random.default_rng(0))
+    model = compute_relaxed_fit(hinge.sequence, hinge.true_flow(), 2, config, np.random.default_rng(0))
     assert len(model.labels) == 400
     assert adjusted_rand_score(model.labels, hinge.canonical_labels) > 0.9
 
@@ -132,3 +133,7 @@ def test_a_small_part_that_touches_no_other_stays(hinge):
     graph = SurfaceGraph(400, problem.graph.edges[inside], problem.graph.lengths[inside])
     absorbed = absorb_small_parts(parts, replace(problem, graph=graph))
     np.testing.assert_array_equal(absorbed.labels, parts.labels)
+
+
+def test_the_final_fit_truncates_costs_as_the_relaxed_fit_does_by_default():
+    assert AlternatingConfig().truncation == TRUNCATION

@@ -5,7 +5,7 @@ import pytest
 
 from schemas.config import RelaxedFitConfig
 from schemas.relaxed import RelaxedModel
-from stages.relaxed_fit import SOLVERS, fit_relaxed
+from stages.relaxed_fit.stage import SOLVERS, compute_relaxed_fit
 
 
 def model(**changes):
@@ -29,7 +29,7 @@ def bent(entry, value):
 def fit(hinge, monkeypatch, **changes):
     monkeypatch.setitem(SOLVERS, "mine", lambda *args: model(**changes))
     config = RelaxedFitConfig(solver="mine")
-    return fit_relaxed(hinge.sequence, hinge.true_flow(), 2, config, np.random.default_rng(0))
+    return compute_relaxed_fit(hinge.sequence, hinge.true_flow(), 2, config, np.random.default_rng(0))
 
 
 def test_a_sound_answer_is_handed_on(hinge, monkeypatch):
@@ -69,4 +69,6 @@ def test_a_wrong_answer_is_told_in_one_line(hinge, monkeypatch, changes, message
 def test_something_else_than_a_model_is_told(hinge, monkeypatch):
     monkeypatch.setitem(SOLVERS, "mine", lambda *args: None)
     with pytest.raises(ValueError, match="found a NoneType, expected a RelaxedModel"):
-        fit_relaxed(hinge.sequence, hinge.true_flow(), 2, RelaxedFitConfig(solver="mine"), np.random.default_rng(0))
+        compute_relaxed_fit(
+            hinge.sequence, hinge.true_flow(), 2, RelaxedFitConfig(solver="mine"), np.random.default_rng(0)
+        )

@@ -6,8 +6,8 @@ from sklearn.metrics import adjusted_rand_score
 from schemas.config import RelaxedFitConfig
 from schemas.relaxed import RelaxedModel
 from stages.flow.trajectories import follow_flow
-from stages.relaxed_fit import fit_relaxed
 from stages.relaxed_fit.gumbel import _cosine, _straight_through_labels
+from stages.relaxed_fit.stage import compute_relaxed_fit
 from stages.relaxed_fit.start import start_from_flow
 
 
@@ -17,7 +17,7 @@ def config(**gumbel):
 
 
 def fit(truth, seed=0, **gumbel):
-    return fit_relaxed(truth.sequence, truth.true_flow(), 2, config(**gumbel), np.random.default_rng(seed))
+    return compute_relaxed_fit(truth.sequence, truth.true_flow(), 2, config(**gumbel), np.random.default_rng(seed))
 
 
 def reconstruction_error(model, truth):
@@ -96,7 +96,7 @@ def test_a_users_own_solver_is_called(hinge, tmp_path, monkeypatch):
         "        Ts_frame_canonical=Ts, energy_history=np.zeros((0, 4)), solver='mine', iterations=0)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    model = fit_relaxed(
+    model = compute_relaxed_fit(
         hinge.sequence, hinge.true_flow(), 2, RelaxedFitConfig(solver="my_solver:one_part"), np.random.default_rng(0)
     )
     assert model.solver == "mine"

@@ -33,7 +33,7 @@ def predicted(hinge, energy):
 
 
 def test_chamfer_equals_its_naive_twin(hinge, energy, predicted):
-    terms = energy(torch.from_numpy(predicted), 0)
+    terms = energy(predicted, 0)
     frames = hinge.sequence.frames()
     expected = np.mean([naive_chamfer(predicted[t], frames[t]) for t in (0, 1, 3, 4)])
     assert float(terms.cd) == pytest.approx(expected, rel=1e-5)
@@ -42,7 +42,7 @@ def test_chamfer_equals_its_naive_twin(hinge, energy, predicted):
 def test_earth_mover_distance_equals_the_best_of_all_permutations(hinge):
     energy = ReconstructionEnergy(hinge.sequence, hinge.true_flow(), 2, CONFIG, points=6, steps=1)
     predicted = true_positions(hinge, energy.index)
-    terms = energy(torch.from_numpy(predicted), 0)
+    terms = energy(predicted, 0)
     expected = []
     for slot, t in enumerate((0, 1, 3, 4)):
         target = energy._targets[slot]
@@ -53,7 +53,7 @@ def test_earth_mover_distance_equals_the_best_of_all_permutations(hinge):
 
 
 def test_flow_term_equals_its_naive_twin(hinge, energy, predicted):
-    terms = energy(torch.from_numpy(predicted), 0)
+    terms = energy(predicted, 0)
     frames, total, count = hinge.sequence.frames(), 0.0, 0.0
     for t, (source, _, motion, confidence) in enumerate(hinge.true_flow().pairs()):
         p_source = frames[t][source]
@@ -71,7 +71,7 @@ def test_flow_term_equals_its_naive_twin(hinge, energy, predicted):
 
 
 def test_total_is_the_weighted_sum(energy, predicted):
-    terms = energy(torch.from_numpy(predicted), 0)
+    terms = energy(predicted, 0)
     assert float(terms.total) == pytest.approx(
         1.0 * float(terms.cd) + 0.3 * float(terms.emd) + 1.0 * float(terms.flow), rel=1e-12
     )
@@ -79,18 +79,22 @@ def test_total_is_the_weighted_sum(energy, predicted):
 
 def test_the_truth_has_less_energy_than_stillness_and_gradients_are_finite(hinge, energy):
     true = torch.from_numpy(true_positions(hinge, energy.index)).requires_grad_()
-    still = torch.from_numpy(np.tile(energy.p_canonical, (5, 1, 1)))
+    still = np.tile(energy.p_canonical, (5, 1, 1))
     terms = energy(true, 0)
     assert terms.row()[0] < 0.5 * energy(still, 0).row()[0]
     terms.total.backward()
     assert torch.isfinite(true.grad).all()
 
 
+def test_arrays_and_tensors_have_the_same_energy(energy, predicted):
+    assert energy(predicted, 0).row() == pytest.approx(energy(torch.from_numpy(predicted), 0).row(), rel=1e-12)
+
+
 def test_emd_joins_in_late(hinge):
     late = ReconstructionEnergy(
         hinge.sequence, hinge.true_flow(), 2, CONFIG.model_copy(update={"emd_start": 0.5}), points=50, steps=10
     )
-    predicted = torch.from_numpy(true_positions(hinge, late.index))
+    predicted = true_positions(hinge, late.index)
     assert float(late(predicted, 4).emd) == 0.0
     assert float(late(predicted, 5).emd) > 0.0
 
@@ -101,7 +105,7 @@ def test_earth_mover_distance_does_not_depend_on_the_order_of_points(hinge):
     sequence = hinge.sequence.replace(points=np.concatenate(sorted_frames))
     config = CONFIG.model_copy(update={"emd_downsampling": 4, "lambda_flow": 0.0})
     energy = ReconstructionEnergy(sequence, hinge.true_flow(), 2, config, points=400, steps=1)
-    still = torch.from_numpy(np.tile(energy.p_canonical, (5, 1, 1)))
+    still = np.tile(energy.p_canonical, (5, 1, 1))
     assert float(energy(still, 0).emd) < 0.15
 
 
@@ -115,5 +119,5 @@ def test_a_pair_without_matches_has_no_flow_term(hinge):
         confidence=flow.confidence[:0],
     )
     energy = ReconstructionEnergy(hinge.sequence, none, 2, CONFIG, points=100, steps=1)
-    still = torch.from_numpy(np.tile(energy.p_canonical, (5, 1, 1)))
+    still = np.tile(energy.p_canonical, (5, 1, 1))
     assert float(energy(still, 0).flow) == 0.0

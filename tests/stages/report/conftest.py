@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,8 @@ from schemas.config import ExportConfig
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Result
 from schemas.robot import Robot
-from schemas.sequence import JointType, PointSequence
-from stages.export import describe
+from schemas.sequence import PointSequence
+from stages.export.stage import compute_export
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SWITCHES = (
@@ -181,6 +181,23 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         yield started
 
 
+@pytest.fixture(params=["node", "chromium"])
+def run_script(request: pytest.FixtureRequest) -> Callable[[str], Any]:
+    """Runs the body of a JavaScript function, and gives what it returns."""
+    if request.param == "chromium":
+        browser = request.getfixturevalue("browser")
+        return lambda body: browser.evaluate(f"(() => {{{body}}})()")
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node on this machine; Chromium runs the same script")
+
+    def run(body: str) -> Any:
+        script = f"process.stdout.write(JSON.stringify((() => {{{body}}})()))"
+        return json.loads(subprocess.run([node, "-"], input=script.encode(), capture_output=True, check=True).stdout)
+
+    return run
+
+
 Arm = tuple[Result, PointSequence, Robot, Metrics, np.ndarray]
 
 
@@ -211,7 +228,7 @@ def arm() -> Arm:
         Ts[t, 2] = Ts[t, 1] @ sliding
         Ts[t, 3] = base @ about(np.array(ball[t]), pivots[2])
     axes = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-    kinds: list[tuple[int, int, JointType, Any]] = [
+    kinds: list[tuple[int, int, str, Any]] = [
         (0, 1, "revolute", hinge),
         (1, 2, "prismatic", slide),
         (0, 3, "spherical", ball),
@@ -246,7 +263,7 @@ def arm() -> Arm:
         frame_names=tuple("abcd"),
     )
     exportable = [joint.model_copy(update={"type": "revolute", "states": (0.0,) * 4}) for joint in joints]
-    robot = describe(
+    robot = compute_export(
         result.replace(model=model.model_copy(update={"joints": tuple(exportable)})),
         None,
         ExportConfig(triangles=200),

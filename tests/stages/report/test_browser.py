@@ -6,14 +6,14 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from stages.report import measure, report_page
+from stages.report.stage import compute_report, report_page
 
 
 @pytest.fixture(scope="module")
 def file(arm, tmp_path_factory):
     result, sequence, robot, metrics, labels_true = arm
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
-    page = report_page("</script>arm", result, frames, measure(result, sequence), robot, metrics, labels_true)
+    page = report_page("</script>arm", result, frames, compute_report(result, sequence), robot, metrics, labels_true)
     path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(page)
     return path
@@ -83,9 +83,9 @@ def test_a_slider_moves_its_part_and_what_hangs_on_it_and_nothing_else(page, arm
 
 def test_the_arrow_keys_move_a_slider_that_has_the_focus(page):
     page.evaluate("document.querySelector('input[data-joint=\"1\"]').focus()")
-    before = page.evaluate("reart.values[1]")
+    before = page.evaluate("reart.states[1]")
     page.press("ArrowRight")
-    assert page.evaluate("reart.values[1]") > before
+    assert page.evaluate("reart.states[1]") > before
 
 
 @pytest.mark.parametrize("beside_input", [False, True])

@@ -8,10 +8,10 @@ from matplotlib.image import imread
 
 from schemas.config import ExportConfig
 from schemas.sequence import IngestedSequence
-from stages.export import describe
-from stages.report import measure
+from stages.export.stage import compute_export
 from stages.report.figure import draw
 from stages.report.scene import part_meshes, scene_data
+from stages.report.stage import compute_report
 from stages.support.pictures import picture_bytes
 
 
@@ -40,14 +40,14 @@ def test_the_view_shows_the_same_scene_about_another_centre(seen, away):
 
 
 def test_what_is_left_of_the_frames_is_told_alike(seen):
-    near, far = (measure(result, sequence) for result, sequence, _ in seen)
+    near, far = (compute_report(result, sequence) for result, sequence, _ in seen)
     np.testing.assert_allclose(far.residuals, near.residuals, atol=1e-4)
     assert far.sampling == pytest.approx(near.sampling, abs=1e-4)
 
 
 def test_meshes_lie_where_the_points_do(seen, monkeypatch):
     result, _, frames = seen[1]
-    robot = describe(result, frames, ExportConfig(triangles=400), "box")
+    robot = compute_export(result, frames, ExportConfig(triangles=400), "box")
     for most in (10_000, 400):  # as they are, and made coarser
         monkeypatch.setattr("stages.report.scene.MOST_TRIANGLES", most)
         for part, mesh in enumerate(part_meshes(robot)):

@@ -3,11 +3,11 @@ import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
-from stages.final_fit import fit_final
+from stages.final_fit.stage import compute_final_fit
 from stages.kernels.labelling.colours import distinct_colours
-from stages.projection import link_parts
+from stages.projection.stage import link_parts
 from stages.report.figure import AXIS_COLOUR, draw
-from stages.result import to_result
+from stages.result.stage import compute_result
 
 
 @pytest.fixture
@@ -16,8 +16,8 @@ def result(hinge):
         hinge.sequence.frames()[2], hinge.canonical_labels, hinge.Ts_frame_canonical, 2, ProjectionConfig()
     )
     still = FinalFitConfig(iterations=0)
-    return to_result(
-        fit_final(parts, hinge.sequence, hinge.true_flow(), still, np.random.default_rng(0)), hinge.sequence
+    return compute_result(
+        compute_final_fit(parts, hinge.sequence, hinge.true_flow(), still, np.random.default_rng(0)), hinge.sequence
     )
 
 

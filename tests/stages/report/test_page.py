@@ -8,9 +8,10 @@ import pytest
 
 from schemas.metrics import JointMetrics
 from schemas.sequence import IngestedSequence
-from stages.report import measure, report_files, report_page, scene
+from stages.report import scene
 from stages.report.drawings import heat_svg, tree_svg
 from stages.report.scene import Scale, part_meshes
+from stages.report.stage import compute_report, report_files, report_page
 
 VOID = {"meta", "link", "input", "br", "img"}
 
@@ -50,7 +51,7 @@ class Page(HTMLParser):
 def page(arm):
     result, sequence, robot, metrics, labels_true = arm
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
-    return report_page("arm", result, frames, measure(result, sequence), robot, metrics, labels_true)
+    return report_page("arm", result, frames, compute_report(result, sequence), robot, metrics, labels_true)
 
 
 def scene_of(page):
@@ -80,7 +81,7 @@ def test_no_name_is_taken_for_markup(arm, name):
     result = result.replace(model=result.model.model_copy(update=changes))
     metrics = metrics.replace(joints=(JointMetrics(name=name, true_type="revolute", predicted_type=None),))
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
-    page = Page(report_page(name, result, frames, measure(result, sequence), robot, metrics, labels_true))
+    page = Page(report_page(name, result, frames, compute_report(result, sequence), robot, metrics, labels_true))
     assert len(page.all("script")) == 2
     assert page.all("img") == []
     assert sum(name in text for text in page.text) >= 5
@@ -131,7 +132,7 @@ def test_the_page_stays_small_however_many_points_and_triangles_there_are(arm, m
     )
     monkeypatch.setattr(scene, "MOST_TRIANGLES", 400)
     frames = [many] * result.model.frames
-    report = measure(result, arm[1])
+    report = compute_report(result, arm[1])
     assert sum(len(mesh.triangles) for mesh in part_meshes(robot)) < 700
     assert len(report_page("many", result, frames, report, robot, metrics)) < 1_500_000
 
@@ -153,7 +154,7 @@ def test_what_the_user_should_know_is_told(arm):
     result, sequence, robot, *_ = arm
     robot = robot.replace(remarks=("nothing moved <at all>",))
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
-    page = Page(report_page("arm", result, frames, measure(result, sequence), robot))
+    page = Page(report_page("arm", result, frames, compute_report(result, sequence), robot))
     assert "nothing moved <at all>" in page.text
 
 
@@ -187,7 +188,7 @@ def test_one_point_is_a_scene():
 
 def test_the_same_model_gives_the_same_files(arm):
     result, sequence, robot, metrics, _ = arm
-    ingested, report = IngestedSequence(sequence=sequence), measure(result, sequence)
+    ingested, report = IngestedSequence(sequence=sequence), compute_report(result, sequence)
     first, again = (report_files("arm", result, ingested, report, robot, metrics) for _ in range(2))
     assert first == again
     assert first.keys() == {"report.html", "report.png"}

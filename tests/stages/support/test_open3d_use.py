@@ -44,5 +44,5 @@ def test_open3d_that_cannot_be_loaded_is_named_with_a_remedy(cause, use):
 
 
 def test_no_module_loads_it_before_it_is_needed():
-    code = "import sys, stages.export, stages.flow, stages.report; assert 'open3d' not in sys.modules"
+    code = "import sys, stages.export.stage, stages.flow.stage, stages.report.stage; assert 'open3d' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

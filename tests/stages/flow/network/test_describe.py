@@ -2,9 +2,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from schemas.config import FlowConfig
-from stages.flow import estimate_flow
 from stages.flow.match import Described, match_features
 from stages.flow.network.describe import describe
+from stages.flow.stage import compute_flow
 
 
 def lamp(rng, turn):
@@ -30,7 +30,7 @@ def test_the_shipped_network_finds_most_points_again_after_a_large_motion():
 
 
 def test_the_estimator_network_says_where_matched_points_went(hinge):
-    flow = estimate_flow(hinge.sequence, FlowConfig(estimator="network"), np.random.default_rng(0))
+    flow = compute_flow(hinge.sequence, FlowConfig(estimator="network"), np.random.default_rng(0))
     frames = hinge.sequence.frames()
     assert (flow.match_counts > 20).all()
     for t, (source, target, motion, confidence) in enumerate(flow.pairs()):

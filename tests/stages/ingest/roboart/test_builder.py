@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 import yourdfpy
 
@@ -11,7 +10,7 @@ from schemas.errors import InputError
 from stages.ingest.roboart import build_from_urdf, builder
 from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.urdf import read_urdf
-from stages.kernels.kinematics.screw import screw_transform
+from stages.kernels.kinematics.tree import joint_transforms
 
 CONFIG = RoboartConfig(points=600)
 
@@ -122,13 +121,9 @@ def test_frame_0_moved_by_the_true_motions_lies_on_every_other_frame_and_unseen_
 
 def assert_screws_reproduce_motions(truth):
     for joint in truth.joints:
-        state = torch.tensor(joint.states, dtype=torch.float64)
-        zero = torch.zeros_like(state)
-        Ts_joint = screw_transform(
-            torch.tensor(joint.axis, dtype=torch.float64),
-            torch.tensor(joint.point, dtype=torch.float64),
-            *((zero, state) if joint.type == "prismatic" else (state, zero)),
-        ).numpy()
+        axis, still = np.array(joint.axis), np.zeros(3)
+        motion = np.concatenate([still, axis] if joint.type == "prismatic" else [axis, still])
+        Ts_joint = joint_transforms(np.array(joint.point), np.outer(joint.states, motion))
         Ts = truth.Ts_frame_first
         assert joint.states[0] == 0
         np.testing.assert_allclose(Ts[:, joint.parent] @ Ts_joint, Ts[:, joint.child], atol=1e-9)

@@ -6,6 +6,7 @@ import pytest
 import yourdfpy
 
 from schemas.errors import InputError
+from schemas.joints import FIXED
 from stages.ingest.roboart.catalogue import ROBOTS
 from stages.ingest.roboart.descriptions import robot_description
 from stages.ingest.roboart.motion import drive_ranges, follow, rest_positions
@@ -50,7 +51,7 @@ def test_forward_kinematics_agrees_with_mujoco_on_the_arm(arm):
         random_positions(robot, 5), forward_kinematics(robot, random_positions(robot, 5)), strict=True
     ):
         for joint, position in zip(robot.joints, row, strict=True):
-            if joint.kind != "fixed":
+            if joint.kind != FIXED:
                 data.joint(joint.name).qpos[0] = position
         mujoco.mj_kinematics(model, data)
         for link, T_base_link in zip(robot.links[1:], Ts_base_link[1:], strict=True):

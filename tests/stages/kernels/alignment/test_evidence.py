@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
-import torch
 
 from stages.kernels.alignment import evidence
-from stages.kernels.alignment.evidence import TRUNCATION, gross_cost, motion_cost, price_over
-from stages.kernels.alignment.registration import Registration
-from stages.kernels.motion import se3
+from stages.kernels.alignment.evidence import gross_cost, motion_cost, price_over
+from stages.kernels.alignment.registration import TRUNCATION, Registration
+from stages.kernels.kinematics.tree import joint_transforms
 
 EVERY = np.arange(400)
 
@@ -42,7 +41,7 @@ def test_many_frames_see_offsets_far_below_the_spacing():
     frames = [np.column_stack([rng.uniform(size=(900, 2)), np.zeros(900)]) for _ in range(5)]
     registration = Registration(frames, 2)
     Ts = np.tile(np.eye(4), (5, 2, 1, 1))
-    Ts[[0, 3], 1, 2, 3] = registration.noise / 3
+    Ts[[0, 3], 1, 2, 3] = registration.spacing / 3
     inner = np.flatnonzero((np.abs(registration.p[:, :2] - 0.5) < 0.4).all(axis=1))
     together = [motion_cost(registration, registration.p, inner, np.full(len(inner), k), Ts) for k in (0, 1)]
     single = [registration.cost(inner, np.full(len(inner), k), Ts) for k in (0, 1)]
@@ -60,8 +59,7 @@ def test_costs_are_truncated(hinge):
 
 def test_it_does_not_matter_how_the_whole_thing_lies_in_a_frame(hinge):
     frames, Ts = hinge.sequence.frames(), hinge.Ts_frame_canonical.copy()
-    twists = torch.from_numpy(np.random.default_rng(0).normal(size=(5, 6)))
-    T_moved = se3.exp(twists).numpy()
+    T_moved = joint_transforms(np.zeros(3), np.random.default_rng(0).normal(size=(5, 6)))
     T_moved[2] = np.eye(4)
     moved = [p @ T[:3, :3].T + T[:3, 3] for p, T in zip(frames, T_moved, strict=True)]
     registration = Registration(moved, 2)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from stages.kernels.points.sampling import THINNING, farthest_points, normals, spacing, thinned, working_points
+from stages.kernels.points.sampling import THINNING, farthest_points, normals, point_spacing, thinned, working_points
 
 RNG = np.random.default_rng(0)
 
@@ -20,8 +20,8 @@ def test_all_points_are_taken_when_there_are_too_few():
 
 def test_spacing_of_a_grid_is_its_step():
     grid = np.stack(np.meshgrid(*[np.arange(5) * 0.25] * 3), axis=-1).reshape(-1, 3)
-    assert spacing(grid) == 0.25
-    assert spacing(np.repeat(grid, 3, axis=0)) == 0.25
+    assert point_spacing(grid) == 0.25
+    assert point_spacing(np.repeat(grid, 3, axis=0)) == 0.25
 
 
 def test_normals_of_a_sphere_point_outwards_or_inwards():

@@ -1,0 +1,1 @@
+"""Loading of settings from presets and from overrides on the command line."""
