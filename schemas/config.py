@@ -376,11 +376,6 @@ class FinalFitConfig(Settings):
     part_price: float = common(
         default=30.0, ge=0, description="a part that lowers the points' costs by less is joined to a neighbour; 0: none"
     )
-    seam_price: float = Field(
-        default=0.0,
-        ge=0,
-        description="added to the part's price for each surface edge to that neighbour, as suits skin that bends",
-    )
     prune_iterations: int = Field(default=5, ge=0, description="Levenberg-Marquardt trials before that is judged")
     energy_points: int = Field(default=2048, ge=16, description="points per frame at which E_recons is reported")
     energy: ReportedEnergyConfig = ReportedEnergyConfig()

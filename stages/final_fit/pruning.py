@@ -12,23 +12,18 @@ from stages.final_fit.working import Fit, Frames
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse
-from stages.kernels.points.nearest import SURFACE_NEIGHBOURS
 from stages.kernels.points.sampling import farthest_points
-from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
 
 # a rise of so many prices is given up: before joints are refined, and after so few steps of it
 ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0
 
 
-def prune(fit: Fit, frames: Frames, part_price: float, iterations: int, seam_price: float = 0.0) -> Fit:
+def prune(fit: Fit, frames: Frames, part_price: float, iterations: int) -> Fit:
     """Parts made one with a neighbour in the tree, smallest first, that the frames do not need.
 
     A part is needed only where without it all points' costs rise by `part_price`, and those of the frames at the model
     rise too: a few points of a thin place fit wherever points lie dense, but then nothing is where they were.
-    `seam_price` is added for each surface edge between the part and the neighbour. A hand has a short seam; the skin
-    about a shoulder, which is no part, has a long one.
     """
-    graph = surface_graph(frames.p, SURFACE_NEIGHBOURS) if seam_price > 0 else None
     counts = np.bincount(fit.labels, minlength=fit.chain.parts)
     names = list(range(fit.chain.parts))  # parts by their first numbers, as joining renumbers them
     cost = frames.cost(fit)
@@ -37,29 +32,22 @@ def prune(fit: Fit, frames: Frames, part_price: float, iterations: int, seam_pri
         part = names.index(name)
         neighbours = _neighbours(fit.chain, part)
         for into, rise in zip(neighbours, _rises(fit, frames, part, neighbours), strict=True):
-            price = part_price + (seam_price * _seam(graph, fit, part, into) if graph is not None else 0.0)
-            if rise >= ABSURD * price:
+            if rise >= ABSURD * part_price:
                 continue
             joined = join(fit, frames, part, into)
-            if frames.cost(joined) >= cost + ABSURD * price:
+            if frames.cost(joined) >= cost + ABSURD * part_price:
                 continue
             joined = frames.refine(joined, FIRST_LOOK)
-            if frames.cost(joined) >= cost + HOPELESS * price:
+            if frames.cost(joined) >= cost + HOPELESS * part_price:
                 continue
             joined = frames.refine(joined, iterations)
             cost_joined, unexplained_joined = frames.cost(joined), frames.unexplained(joined)
-            less_unexplained = unexplained_joined < unexplained and cost_joined < cost + HOPELESS * price
-            if cost_joined < cost + price or less_unexplained:
+            less_unexplained = unexplained_joined < unexplained and cost_joined < cost + HOPELESS * part_price
+            if cost_joined < cost + part_price or less_unexplained:
                 cost, unexplained, fit = cost_joined, unexplained_joined, joined
                 names.remove(name)
                 break
     return fit
-
-
-def _seam(graph: SurfaceGraph, fit: Fit, part: int, other: int) -> int:
-    """How many edges of the surface run between two parts."""
-    a, b = fit.labels[graph.edges].T
-    return int(np.count_nonzero((a == part) & (b == other) | (a == other) & (b == part)))
 
 
 def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:

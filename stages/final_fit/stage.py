@@ -56,8 +56,7 @@ def compute_final_fit(
         fit = _settled(fit, frames, config, 2, (config.fused_frames + 1) // 2)
         progress(2, STEPS)
         if part_price > 0:
-            pruned = prune(fit, frames, part_price, config.prune_iterations, frames.price(config.seam_price))
-            fit = frames.refine(pruned, config.iterations)
+            fit = frames.refine(prune(fit, frames, part_price, config.prune_iterations), config.iterations)
         progress(3, STEPS)
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
         if part_price > 0:
