@@ -163,8 +163,10 @@ class FinalFitTask(CandidateTask):
 
         model, sequence = inputs["merging"], inputs["ingest"].sequence
         settings = given.settings
-        kinds = settings.projection.kinds
-        return compute_final_fit(model, sequence, inputs["flow"], settings.final_fit, given.rng, given.progress, kinds)
+        kinds, middle_root = settings.projection.kinds, settings.projection.root == "middle"
+        return compute_final_fit(
+            model, sequence, inputs["flow"], settings.final_fit, given.rng, given.progress, kinds, middle_root
+        )
 
 
 class CanonicalFrameTask(StageTask):

@@ -16,6 +16,7 @@ from stages.final_fit.joint_types import simplify_joints, try_hinges
 from stages.final_fit.labelling import relabel
 from stages.final_fit.parallel_slides import hang_slides
 from stages.final_fit.pruning import prune
+from stages.final_fit.rooting import rooted_in_the_middle
 from stages.final_fit.working import Fit, Frames, to_chain, to_model, working_frames
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.quantisation import coarseness
@@ -33,12 +34,15 @@ def compute_final_fit(
     rng: np.random.Generator,
     progress: Progress = silent,
     kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC),
+    middle_root: bool = False,
 ) -> KinematicModel:
     """Joints made exact and fitted to the frames; labels, links and joints improved in turn.
 
     Links that the motion needs are inserted, points relabelled by the joints' motions, parts that the frames do not
     need joined with their neighbours, and slides on slides hung on what they touch. The answer's motions are exactly
-    those of forward kinematics. Joints are of the given kinds. Deterministic; `rng` is not drawn from.
+    those of forward kinematics. Joints are of the given kinds. With
+    `middle_root` the root of a body that nothing holds is the part in the middle of its tree. Deterministic; `rng` is
+    not drawn from.
     """
     frames = working_frames(sequence, model.canonical_frame, config, kinds)
     part_price, link_price, freedom_price = (
@@ -62,6 +66,8 @@ def compute_final_fit(
         if part_price > 0:
             fit = hang_slides(fit, frames, part_price, config.iterations)
         fit = simplify_joints(fit, frames, freedom_price)
+    if middle_root:
+        fit = rooted_in_the_middle(fit)
     fit = frames.refine(fit, config.last_iterations)
     confidence = joint_confidence(fit, frames, part_price, coarseness(sequence.to_input(frames.p_all)))
     fitted = to_model(model.replace(confidence=None), fit, frames).replace(confidence=confidence)
