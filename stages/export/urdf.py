@@ -60,11 +60,8 @@ def _add_link(root: ET.Element, robot: Robot, index: int, link: RobotLink) -> No
 def _add_joints(root: ET.Element, robot: Robot, child: int) -> None:
     """Add the joints that move a link as a chain, with links of nearly no mass between them."""
     joints = [hinge for joint in robot.joints if joint.child == child for hinge in hinges(joint)]
-    link = robot.links[child]
-    parent, offset = (
-        robot.links[joints[0].parent].name,
-        np.subtract(link.origin, _frame_origin(robot, joints[0].parent)),
-    )
+    link, above = robot.links[child], joints[0].parent
+    parent, offset = robot.links[above].name, np.subtract(link.origin, _frame_origin(robot, above))
     for joint in joints:
         name = link.name if joint is joints[-1] else f"{joint.name}_link"
         if joint is not joints[-1]:

@@ -16,10 +16,9 @@ from jaxtyping import Float64, Int64
 from schemas.joints import REVOLUTE
 from stages.final_fit.motion_model import TRIAL_STEPS, MotionModel
 from stages.final_fit.screw_pair import ScrewPair, fit_screw_pair
-from stages.final_fit.working import Fit, Frames, contact_place
+from stages.final_fit.working import Fit, Frames, best_joint, contact_place
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint
-from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points
 
 ROUNDS = 6  # in which links are inserted: a joint of three degrees of freedom needs two
@@ -118,17 +117,13 @@ class _Trials:
 
         `most` is the number of further degrees that a kind may have.
         """
-        own = chain.joint(joint)
-        p_child = self.frames.p[self.labels == own.child]
-        if len(p_child) == 0 or not (self.labels == own.parent).any():
+        own, trials = chain.joint(joint), []
+        if not all((self.labels == part).any() for part in (own.parent, own.child)):
             return []
-        p_child = p_child[farthest_points(p_child, self.frames.config.joint_samples)]
-        motion, trials = inverse(self.Ts_free[:, own.parent]) @ self.Ts_free[:, own.child], []
         for kind in self.frames.kinds:
             if own.kind.size < kind.size <= own.kind.size + most:
-                fit = fit_joint([kind], motion, p_child).since(self.frames.canonical_frame)
                 joints = chain.joints()
-                joints[joint] = Joint.of(fit, own.parent, own.child)
+                joints[joint] = best_joint([kind], own.parent, own.child, self.labels, self.frames, self.Ts_free)
                 trials.append(_Trial(chain.with_joints(joints), price * (kind.size - own.kind.size)))
         return trials
 

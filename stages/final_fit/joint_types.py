@@ -13,11 +13,8 @@ from jaxtyping import Float64
 
 from schemas.joints import PRISMATIC, REVOLUTE
 from stages.final_fit.motion_model import TRIAL_STEPS, MotionModel
-from stages.final_fit.working import Fit, Frames, contact_place
+from stages.final_fit.working import Fit, Frames, best_joint, contact_place
 from stages.kernels.kinematics.chain import Joint, fit_chain
-from stages.kernels.kinematics.closed_form import fit_joint
-from stages.kernels.motion.rigid_motion import inverse
-from stages.kernels.points.sampling import farthest_points
 
 
 def try_hinges(fit: Fit, frames: Frames, iterations: int) -> Fit:
@@ -49,13 +46,11 @@ def simplify_joints(fit: Fit, frames: Frames, freedom_price: float) -> Fit:
     equations = frames.registration.linearise(fit.labels, chain.Ts, frames.reach)
     model = MotionModel(equations, chain.Ts, spacing)
     for index in freer:
-        joint, p_child = chain.joint(index), frames.p[fit.labels == chain.tree.child[index]]
-        if len(p_child) == 0:
+        joint = chain.joint(index)
+        if not (fit.labels == joint.child).any():
             continue
-        motion = inverse(chain.Ts[:, joint.parent]) @ chain.Ts[:, joint.child]
-        plain = fit_joint(frames.plain_kinds, motion, p_child[farthest_points(p_child, frames.config.joint_samples)])
         joints = chain.joints()
-        joints[index] = Joint.of(plain.since(frames.canonical_frame), joint.parent, joint.child)
+        joints[index] = best_joint(frames.plain_kinds, joint.parent, joint.child, fit.labels, frames, chain.Ts)
         trial = fit_chain(chain.with_joints(joints), model, frames.canonical_frame, spacing, TRIAL_STEPS)
         given_up = freedom_price * (joint.kind.size - joints[index].kind.size)
         if model(trial.Ts).cost < model(chain.Ts).cost + given_up:

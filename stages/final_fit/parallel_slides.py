@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Int64
 
 from schemas.joints import PRISMATIC
-from stages.final_fit.pruning import refitted
-from stages.final_fit.working import Fit, Frames
+from stages.final_fit.working import Fit, Frames, best_joint
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.points.nearest import KDTree, nearest
 
@@ -33,7 +32,7 @@ def hang_slides(fit: Fit, frames: Frames, part_price: float, iterations: int) ->
         touches, touches_below = (_touching_points(fit.labels, frames, part, joint.parent) for joint in (own, below))
         if touches_below == 0:
             continue
-        hung = refitted(own.kind, below.parent, part, fit.labels, frames, fit.chain.Ts)
+        hung = best_joint(frames.kinds_like(own.kind), below.parent, part, fit.labels, frames, fit.chain.Ts)
         if touches_below <= touches and hung.states.std() >= own.states.std():
             continue
         chain = fit.chain.with_joints([hung if joint.child == part else joint for joint in fit.chain.joints()])

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 
-from schemas.joints import JointKind
-from stages.final_fit.working import Fit, Frames
+from stages.final_fit.working import Fit, Frames, best_joint
 from stages.kernels.kinematics.chain import Chain, Joint
-from stages.kernels.kinematics.closed_form import fit_joint
-from stages.kernels.motion.rigid_motion import inverse
-from stages.kernels.points.sampling import farthest_points
 
 # a rise of so many prices is given up: before joints are refined, and after so few steps of it
 ABSURD, FIRST_LOOK, HOPELESS = 40.0, 2, 8.0
@@ -67,24 +63,8 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
             joints.append(_numbered(joint, number))
             continue
         parent, child = (into if end == part else end for end in (joint.parent, joint.child))
-        joints.append(_numbered(refitted(joint.kind, parent, child, labels, frames, Ts), number))
+        joints.append(_numbered(best_joint(frames.kinds_like(joint.kind), parent, child, labels, frames, Ts), number))
     return Fit(Chain.of(joints, int(number[root]), Ts[:, root], tree.free_root), number[labels])
-
-
-def refitted(
-    kind: JointKind,
-    parent: int,
-    child: int,
-    labels: Int64[np.ndarray, "points"],
-    frames: Frames,
-    Ts: Float64[np.ndarray, "frames parts 4 4"],
-) -> Joint:
-    """The joint, of a kind like the one given, that best explains a part's motion against another one's."""
-    p_child = frames.p[labels == child]
-    p_child = p_child[farthest_points(p_child, frames.config.joint_samples)]
-    motion = inverse(Ts[:, parent]) @ Ts[:, child]
-    fit = fit_joint(frames.kinds_like(kind), motion, p_child)
-    return Joint.of(fit.since(frames.canonical_frame), parent, child)
 
 
 def _numbered(joint: Joint, number: Int64[np.ndarray, "parts"]) -> Joint:

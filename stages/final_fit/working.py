@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint, nearest_point_to_origin
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.points.sampling import working_points
+from stages.kernels.points.sampling import farthest_points, working_points
 from stages.projection.stage import part_samples
 
 
@@ -128,6 +129,21 @@ def relative_motions(
     """T_parent_child in canonical coordinates."""
     T = Ts.swapaxes(0, 1)
     return inverse(T[parent]) @ T[child]
+
+
+def best_joint(
+    kinds: Sequence[JointKind],
+    parent: int,
+    child: int,
+    labels: Int64[np.ndarray, "points"],
+    frames: Frames,
+    Ts: Float64[np.ndarray, "frames parts 4 4"],
+) -> Joint:
+    """The joint of one of some kinds that best explains a part's motion against another one's, in closed form."""
+    p_child = frames.p[labels == child]
+    p_child = p_child[farthest_points(p_child, frames.config.joint_samples)]
+    fit = fit_joint(kinds, inverse(Ts[:, parent]) @ Ts[:, child], p_child)
+    return Joint.of(fit.since(frames.canonical_frame), parent, child)
 
 
 def contact_place(

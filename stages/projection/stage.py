@@ -133,7 +133,7 @@ def base_part(
 
 def middle_part(tree: nx.Graph, sizes: Int64[np.ndarray, "parts"]) -> int:
     """The part from which all points are the fewest links away: a person's trunk, whichever foot stands still."""
-    links_away = nx.floyd_warshall_numpy(tree, nodelist=range(len(sizes)), weight="links")
+    links_away = nx.floyd_warshall_numpy(tree, nodelist=range(len(sizes)), weight=None)
     return int((links_away @ sizes).argmin())
 
 

@@ -145,11 +145,7 @@ def _fit_about(
     """The best joint of one kind with a given axis direction."""
     along = axis[..., None, :]
     sliding = along * (translations * along).sum(axis=-1, keepdims=True)
-    turns = {
-        "none": np.zeros_like(translations),
-        "axis": along * _angles_about(axis, Ts)[..., None],
-        "all": rotation_vectors(Ts[..., :3, :3]) if kind.turns == "all" else translations,
-    }[kind.turns]
+    turns = _turns(kind, axis, Ts)
     # the centre moves by (R - I)(centre - point) besides the slide: least squares for point - centre
     rest = {"none": translations, "axis": translations, "all": np.zeros_like(translations)}[kind.slides]
     if kind.has_axis:
@@ -170,6 +166,15 @@ def _fit_about(
     deviation = move_points(Ts[..., None, :, :] - fitted[..., None, :, :], p[..., None, :, :])
     mean_square = (deviation**2).sum(axis=-1).mean(axis=(-1, -2))
     return JointFit((kind,), np.zeros(mean_square.shape, dtype=np.int64), axis, point, motions, mean_square)
+
+
+def _turns(
+    kind: JointKind, axis: Float64[np.ndarray, "*batch 3"], Ts: Float64[np.ndarray, "*batch frames 4 4"]
+) -> Float64[np.ndarray, "*batch frames 3"]:
+    """The rotation vectors of the motions, as far as the kind allows them."""
+    if kind.turns == "axis":
+        return axis[..., None, :] * _angles_about(axis, Ts)[..., None]
+    return rotation_vectors(Ts[..., :3, :3]) if kind.turns == "all" else np.zeros((*Ts.shape[:-2], 3))
 
 
 def _angles_about(
