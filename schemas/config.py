@@ -45,6 +45,11 @@ class RoboartConfig(Settings):
     sweep_degrees: DegreeRange = Field(
         default=(40.0, 90.0), description="least and greatest total motion of a joint over the sequence"
     )
+    motion: Literal["sweep", "states"] = Field(
+        default="sweep",
+        description="joints move steadily, or stand in every frame at a state of its own, drawn over their whole range",
+    )
+    shuffled: bool = Field(default=False, description="the frames are in random order")
     min_part_share: float = Field(
         default=0.013, ge=0, lt=1, description="links with a smaller share of the surface join their parent"
     )

@@ -1,7 +1,7 @@
 """Building of a sequence with ground truth from a robot description (supplement C).
 
-A seeded draw moves every active joint of the robot. The base is at rest unless it is free. Each frame is sampled
-independently from the posed surface, or from its visible portion.
+A seeded draw moves every active joint of the robot, steadily or to a state of its own in every frame. The base is at
+rest unless it is free. Each frame is sampled independently from the posed surface, or from its visible portion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from schemas.config import RoboartConfig
 from schemas.joints import JointKind
 from schemas.sequence import TrueJoint
 from stages.ingest.roboart.articulated import ArticulatedRobot, Poses
-from stages.ingest.roboart.motion import Positions, draw_base_motion, draw_sweep, draw_unseen, search
+from stages.ingest.roboart.motion import Positions, draw_base_motion, draw_state, draw_sweep, draw_unseen, search
 from stages.ingest.roboart.parts import Parts
 from stages.ingest.roboart.penetration import penetration_score
 from stages.ingest.roboart.sensor import draw_viewpoints, posed_triangles, sample_posed, sample_visible
@@ -49,8 +49,12 @@ def build_from_urdf(
     Ts_world_part, Ts_world_unseen = (articulated.poses(positions) for positions in (swept, unseen))
     if config.free_base:
         Ts_world_part, Ts_world_unseen = _free_base(surface, Ts_world_part, Ts_world_unseen, rng)
-    Ts_part_first = np.linalg.inv(Ts_world_part[0])
     frames, labels = _sample(surface, Ts_world_part, config, rng)
+    if config.shuffled:
+        order = rng.permutation(config.frames)
+        swept, Ts_world_part = swept[order], Ts_world_part[order]
+        frames, labels = [frames[t] for t in order], [labels[t] for t in order]
+    Ts_part_first = np.linalg.inv(Ts_world_part[0])
     return frames, RawTruth(
         labels=labels,
         Ts_frame_first=Ts_world_part @ Ts_part_first,
@@ -98,7 +102,7 @@ def _centre_and_diagonal(surface: Surface, Ts_world_part: Poses) -> tuple[Float6
 def joint_motion(
     articulated: ArticulatedRobot, config: RoboartConfig, rng: np.random.Generator, sweep: Sweep = draw_sweep
 ) -> tuple[Positions, Positions]:
-    """Draw joint positions of the frames, by `sweep`, and of the unseen states."""
+    """Draw joint positions of the frames, by `sweep` or each frame's on its own, and of the unseen states."""
     robot, ranges, rest = articulated.robot, articulated.ranges, articulated.rest
     score = penetration_score(articulated.surface, articulated.poses(rest[None])[0], rng)
 
@@ -108,13 +112,19 @@ def joint_motion(
     def swept_by(joint: int) -> np.ndarray:
         return sweep(robot.joints[joint].kind, ranges[joint], config, rng)
 
+    def anywhere(joint: int) -> np.ndarray:
+        return draw_state(ranges[joint], rng)
+
     def unseen(joint: int) -> np.ndarray:
         return draw_unseen(ranges[joint], swept[:, joint], rng)
 
     def lowest(draw: Callable[[int], np.ndarray], states: int) -> Positions:
         return search(draw, penetration, np.tile(rest, (states, 1)), articulated.drives, rng)
 
-    swept = lowest(swept_by, config.frames)
+    if config.motion == "states":
+        swept = np.concatenate([lowest(anywhere, 1) for _ in range(config.frames)])
+    else:
+        swept = lowest(swept_by, config.frames)
     novel = [lowest(unseen, 1) for _ in range(config.novel_states)]
     return (
         articulated.follow(swept),

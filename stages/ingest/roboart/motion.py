@@ -95,6 +95,11 @@ def draw_sweep(
     return path + rng.uniform(lower - path.min(), upper - path.max())
 
 
+def draw_state(limits: Float64[np.ndarray, "2"], rng: np.random.Generator) -> Float64[np.ndarray, "1"]:
+    """Draw one position of a joint anywhere within its limits."""
+    return rng.uniform(limits[0], limits[1], size=1)
+
+
 def draw_unseen(
     limits: Float64[np.ndarray, "2"], swept: Float64[np.ndarray, "frames"], rng: np.random.Generator
 ) -> Float64[np.ndarray, "1"]:

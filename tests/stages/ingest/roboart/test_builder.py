@@ -133,6 +133,36 @@ def test_each_joints_screw_carries_the_parents_motion_to_the_childs(arm):
     assert_screws_reproduce_motions(build_from_urdf(arm, (), CONFIG, np.random.default_rng(5))[1])
 
 
+def test_states_are_drawn_over_the_whole_range_one_frame_independently_of_the_other(arm, recorded):
+    config = RoboartConfig(points=32, motion="states", frames=40, novel_states=0)
+    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    joints = {joint.name: joint for joint in read_urdf(arm).joints}
+    position = dict(zip(joints, recorded[0][0].T, strict=True))
+    for name, low, high in (("shoulder", 0.3, 2.2), ("elbow", -np.pi / 2, np.pi / 2), ("rail", -0.3, -0.1)):
+        assert low <= position[name].min() < low + 0.15 * (high - low)
+        assert high - 0.15 * (high - low) < position[name].max() <= high
+        steps = np.diff(position[name])
+        assert np.mean(np.sign(steps[1:]) != np.sign(steps[:-1])) > 0.4  # of a sweep 0 or 1 of 38
+    assert abs(np.corrcoef(position["shoulder"], position["elbow"])[0, 1]) < 0.4
+    np.testing.assert_allclose(position["echo"], 0.6 - 0.5 * position["shoulder"])
+    assert_screws_reproduce_motions(truth)
+    assert len(frames) == 40
+
+
+def test_shuffled_frames_are_the_ordered_ones_in_another_order_and_motions_start_from_the_new_frame_0(arm):
+    ordered, of_ordered = build_from_urdf(arm, (), CONFIG, np.random.default_rng(1))
+    config = RoboartConfig(points=600, shuffled=True)
+    shuffled, truth = build_from_urdf(arm, (), config, np.random.default_rng(1))
+    order = [next(t for t, frame in enumerate(ordered) if np.array_equal(frame, mixed)) for mixed in shuffled]
+    assert sorted(order) == list(range(10)) != order
+    for labels, t in zip(truth.labels, order, strict=True):
+        np.testing.assert_array_equal(labels, of_ordered.labels[t])
+    Ts_ordered = of_ordered.Ts_frame_first
+    expected = Ts_ordered[order] @ np.linalg.inv(Ts_ordered[order[0]])
+    np.testing.assert_allclose(truth.Ts_frame_first, expected, atol=1e-12)
+    assert_screws_reproduce_motions(truth)
+
+
 def test_the_base_stands_still(arm):
     truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))[1]
     np.testing.assert_allclose(truth.Ts_frame_first[:, 0], np.tile(np.eye(4), (10, 1, 1)), atol=1e-15)
@@ -229,7 +259,10 @@ def test_partial_views_keep_count_labels_and_surface_and_lose_the_underside(arm,
     assert under[1] < 0.01 * under[0]
 
 
-@pytest.mark.parametrize("options", [{"viewpoints": 2}, {"noise_percent": 0.3}, {"free_base": True}])
+@pytest.mark.parametrize(
+    "options",
+    [{"viewpoints": 2}, {"noise_percent": 0.3}, {"free_base": True}, {"motion": "states"}, {"shuffled": True}],
+)
 def test_harder_sequences_are_as_reproducible(arm, options):
     config = RoboartConfig(points=100, frames=3, **options)
     first, again, other = (
@@ -239,15 +272,18 @@ def test_harder_sequences_are_as_reproducible(arm, options):
     assert not set(first[0][:3]) & set(other[0][:3])
 
 
-def test_a_motion_that_strikes_another_part_is_avoided(urdf, monkeypatch):
+@pytest.mark.parametrize("motion", ["sweep", "states"])
+def test_a_motion_that_strikes_another_part_is_avoided(urdf, monkeypatch, motion):
     path = urdf.write(
         urdf.link("base", urdf.box("0.4 0.4 0.4"), urdf.box("0.5 0.3 0.4", "0.6 0.6 0")),
         urdf.link("arm", urdf.box("1.2 0.1 0.1", "0.6 0 0")),
         urdf.joint("hinge", "continuous", "base", "arm", '<axis xyz="0 0 1"/>'),
     )
 
+    config = RoboartConfig(points=600, motion=motion)
+
     def deepest(seed):
-        frames, truth = build_from_urdf(path, (), CONFIG, np.random.default_rng(seed))
+        frames, truth = build_from_urdf(path, (), config, np.random.default_rng(seed))
         points = np.concatenate([p[labels == 1] for p, labels in zip(frames, truth.labels, strict=True)])
         return (np.array([0.25, 0.15, 0.2]) - np.abs(points - [0.6, 0.6, 0])).min(axis=1).max()
 
