@@ -65,7 +65,15 @@ class RoboartConfig(Settings):
         le=1000,
         description="sample only what is visible from so many viewpoints; 0 samples the whole surface",
     )
+    moving_viewpoints: bool = Field(
+        default=False, description="viewpoints are drawn anew for each frame, rather than standing still"
+    )
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
+    coordinates: Literal["shared", "upright", "any"] = Field(
+        default="shared",
+        description="those of all frames, or each frame's own: upright ones turned by any angle about the vertical, "
+        "tilted a little and shifted, any ones turned about any axis and shifted",
+    )
     max_mesh_mib: float = Field(
         default=64.0, gt=0, le=65536, description="a mesh file that is larger, or unfolds to more, is refused"
     )

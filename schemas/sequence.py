@@ -111,6 +111,9 @@ class GroundTruth(Artifact):
     parent: Annotated[Int64[np.ndarray, "parts"], Unit("index"), Within(-1, "parts")]
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = Field(description="empty if the source does not define them")
+    own_coordinates: bool = Field(
+        default=False, description="each frame has coordinates of its own: the motion of the whole is not the object's"
+    )
 
     @model_validator(mode="after")
     def _check_tree(self) -> Self:

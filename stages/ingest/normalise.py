@@ -86,6 +86,7 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
         parent=truth.parent,
         part_names=truth.part_names,
         joints=tuple(_normalise_joint(joint, sequence) for joint in truth.joints),
+        own_coordinates=truth.own_coordinates,
     )
 
 

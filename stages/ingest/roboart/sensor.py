@@ -63,6 +63,16 @@ def posed_triangles(surface: Surface, Ts_world_part: Poses) -> Float64[np.ndarra
     return surface.triangles @ np.swapaxes(Ts[:, :3, :3], -1, -2) + Ts[:, None, :3, 3]
 
 
+def centre_and_diagonal(
+    surface: Surface, Ts_world_part: Float64[np.ndarray, "states parts 4 4"]
+) -> tuple[Float64[np.ndarray, "3"], float]:
+    """The centre and diagonal of the bounding box of the surface over all given states."""
+    posed = [posed_triangles(surface, Ts).reshape(-1, 3) for Ts in Ts_world_part]
+    low = np.min([corners.min(axis=0) for corners in posed], axis=0)
+    high = np.max([corners.max(axis=0) for corners in posed], axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low))
+
+
 @needing_open3d("roboart.viewpoints")
 def _line_of_sight(
     triangles: Float64[np.ndarray, "triangles 3 3"], p_viewpoints: Float64[np.ndarray, "viewpoints 3"]

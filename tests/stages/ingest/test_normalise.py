@@ -161,6 +161,7 @@ def raw_truth(points: list[np.ndarray], joints: tuple[TrueJoint, ...] = ()) -> R
         parent=np.array([-1, 0, 1]),
         part_names=("base", "arm", "hand"),
         joints=joints,
+        own_coordinates=True,
     )
 
 
@@ -177,6 +178,7 @@ def test_moving_normalised_points_equals_normalising_moved_points() -> None:
             expected = (moved(T_raw, points[0]) - sequence.centre) / sequence.scale
             np.testing.assert_allclose(moved(T, p_first), expected, atol=1e-12)
     assert normalised.part_names == truth.part_names
+    assert normalised.own_coordinates == truth.own_coordinates
     np.testing.assert_array_equal(normalised.parent, truth.parent)
 
 

@@ -57,6 +57,11 @@ def test_arrays_and_tree_are_read(tmp_path: Path) -> None:
     assert truth.joints[0].states == (0.0, 0.1, 0.2)
 
 
+def test_frames_share_their_coordinates_unless_the_truth_says_otherwise(tmp_path: Path) -> None:
+    assert not read_truth(saved(tmp_path), COUNTS).own_coordinates
+    assert read_truth(saved(tmp_path, TREE | {"own_coordinates": True}), COUNTS).own_coordinates
+
+
 def test_tree_and_novel_poses_may_be_missing(tmp_path: Path) -> None:
     path = saved(tmp_path, novel_poses=None)
     path.with_suffix(".json").unlink()

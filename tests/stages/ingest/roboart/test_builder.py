@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 import yourdfpy
+from scipy.spatial.transform import Rotation
 
 from schemas.config import RoboartConfig
 from schemas.errors import InputError
@@ -163,6 +164,41 @@ def test_shuffled_frames_are_the_ordered_ones_in_another_order_and_motions_start
     assert_screws_reproduce_motions(truth)
 
 
+def placement(here, there):
+    """The rigid motion that takes points to the same points elsewhere."""
+    centre, centre_there = here.mean(axis=0), there.mean(axis=0)
+    turn = Rotation.align_vectors(there - centre_there, here - centre)[0].as_matrix()
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn, centre_there - turn @ centre
+    return T
+
+
+@pytest.mark.parametrize("coordinates", ["upright", "any"])
+def test_frames_with_coordinates_of_their_own_are_the_shared_ones_elsewhere_and_so_is_the_truth(arm, coordinates):
+    shared, of_shared = build_from_urdf(arm, (), CONFIG, np.random.default_rng(2))
+    config = RoboartConfig(points=600, coordinates=coordinates)
+    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(2))
+    Ts_own = np.stack([placement(here, there) for here, there in zip(shared, frames, strict=True)])
+    for T, here, there in zip(Ts_own, shared, frames, strict=True):
+        np.testing.assert_allclose(here @ T[:3, :3].T + T[:3, 3], there, atol=1e-9)
+    expected = Ts_own[:, None] @ of_shared.Ts_frame_first @ np.linalg.inv(Ts_own[0])
+    np.testing.assert_allclose(truth.Ts_frame_first, expected, atol=1e-9)
+    unseen = Ts_own[0] @ of_shared.Ts_novel_first @ np.linalg.inv(Ts_own[0])
+    np.testing.assert_allclose(truth.Ts_novel_first, unseen, atol=1e-9)  # in frame 0's coordinates
+    assert_screws_reproduce_motions(truth)
+    assert (of_shared.own_coordinates, truth.own_coordinates) == (False, True)
+    tilts = np.degrees(np.arccos(np.clip(Ts_own[:, 2, 2], -1, 1)))
+    headings = np.degrees(np.arctan2(Ts_own[:, 1, 0], Ts_own[:, 0, 0]))
+    if coordinates == "upright":
+        assert 0.5 < tilts.max() <= 5
+        assert np.ptp(headings) > 180
+    else:
+        assert np.ptp(tilts) > 60
+    diagonal = np.linalg.norm(np.ptp(np.concatenate(shared), axis=0))
+    away = np.abs([there.mean(axis=0) - here.mean(axis=0) for here, there in zip(shared, frames, strict=True)])
+    assert 0.3 * diagonal < away.max() < 1.5 * diagonal
+
+
 def test_the_base_stands_still(arm):
     truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))[1]
     np.testing.assert_allclose(truth.Ts_frame_first[:, 0], np.tile(np.eye(4), (10, 1, 1)), atol=1e-15)
@@ -261,7 +297,15 @@ def test_partial_views_keep_count_labels_and_surface_and_lose_the_underside(arm,
 
 @pytest.mark.parametrize(
     "options",
-    [{"viewpoints": 2}, {"noise_percent": 0.3}, {"free_base": True}, {"motion": "states"}, {"shuffled": True}],
+    [
+        {"viewpoints": 2},
+        {"viewpoints": 2, "moving_viewpoints": True},
+        {"noise_percent": 0.3},
+        {"free_base": True},
+        {"motion": "states"},
+        {"shuffled": True},
+        {"coordinates": "upright"},
+    ],
 )
 def test_harder_sequences_are_as_reproducible(arm, options):
     config = RoboartConfig(points=100, frames=3, **options)
@@ -270,6 +314,24 @@ def test_harder_sequences_are_as_reproducible(arm, options):
     )
     assert first == again
     assert not set(first[0][:3]) & set(other[0][:3])
+
+
+def seen_faces(urdf, **options):
+    """Which of a box's vertical faces each frame shows, as seen from one viewpoint."""
+    path = urdf.write(
+        urdf.link("base", urdf.box("1 1 1")),
+        urdf.link("lid", urdf.box("0.2 0.2 0.01")),
+        urdf.joint("hinge", "revolute", "base", "lid", urdf.moves("0 0 1", -1, 1), "0 0 0.6"),
+    )
+    config = RoboartConfig(points=200, viewpoints=1, frames=6, **options)
+    frames, _ = build_from_urdf(path, (), config, np.random.default_rng(0))
+    directions = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    return [tuple((p[:, :2] @ directions.T > 0.5 - 1e-6).any(axis=0)) for p in frames]
+
+
+def test_viewpoints_stand_still_or_are_drawn_anew_for_each_frame(urdf):
+    assert len(set(seen_faces(urdf))) == 1
+    assert len(set(seen_faces(urdf, moving_viewpoints=True))) > 2
 
 
 @pytest.mark.parametrize("motion", ["sweep", "states"])
