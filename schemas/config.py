@@ -136,6 +136,19 @@ class IngestConfig(Settings):
     registrations: RegistrationConfig = RegistrationConfig()
 
 
+class AlignmentConfig(Settings):
+    """How frames are brought into common coordinates."""
+
+    own_frames: Literal["auto", "yes", "no"] = common(
+        default="auto", description="whether each frame has coordinates of its own; auto finds it out"
+    )
+    points: int = Field(default=2048, ge=64, description="points of a frame that are registered")
+    probe_points: int = Field(default=768, ge=64, description="points of a frame that tell whether that is needed")
+    connected: float = Field(
+        default=0.35, ge=0, le=1, description="frames that have a greater share in common share coordinates"
+    )
+
+
 class GeometricFlowConfig(Settings):
     """Estimator `geometric`: non-rigid alignment by a deformation graph, then mutual nearest neighbours."""
 
@@ -441,6 +454,7 @@ class PipelineConfig(Settings):
 
     seed: Seed = common(default=0, description="the same seed and input give the same model")
     ingest: IngestConfig = IngestConfig()
+    alignment: AlignmentConfig = AlignmentConfig()
     flow: FlowConfig = FlowConfig()
     relaxed_fit: RelaxedFitConfig = RelaxedFitConfig()
     projection: ProjectionConfig = ProjectionConfig()
