@@ -60,6 +60,22 @@ class DepthConfig(Settings):
     )
 
 
+class ArtefactsConfig(Settings):
+    """What else is wrong with scans, in each frame anew."""
+
+    outlier_share: float = Field(
+        default=0.0, ge=0, le=0.9, description="share of the points that lie anywhere in and around the object's box"
+    )
+    table_size: float = Field(
+        default=0.0, ge=0, le=10, description="diameter in diagonals of a round piece of the table below; 0: none"
+    )
+    density_spread: float = Field(
+        default=0.0, ge=0, le=3, description="standard deviation of the logarithm of the density; 0: an even one"
+    )
+    holes: int = Field(default=0, ge=0, le=1000, description="round patches without points")
+    hole_radius: float = Field(default=0.06, gt=0, le=1, description="greatest radius of a hole, in diagonals")
+
+
 class RoboartConfig(Settings):
     """How sequences are built from robot descriptions."""
 
@@ -99,6 +115,7 @@ class RoboartConfig(Settings):
     )
     known_viewpoints: bool = Field(default=False, description="the sequence tells where they are")
     depth: DepthConfig = DepthConfig()
+    artefacts: ArtefactsConfig = ArtefactsConfig()
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
     coordinates: Literal["shared", "upright", "any"] = Field(
         default="shared",
