@@ -20,7 +20,7 @@ FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
 # presets that define a source of sequences, and presets of how sequences are made from descriptions
 BUILT = ("roboart", "urdf")
-CONDITIONS = ("noisy", "partial", "free", "states", "phone", "shuffled", "turned")
+CONDITIONS = ("noisy", "partial", "free", "states", "phone", "depth", "shuffled", "turned", "rough")
 # roboart-noisy is the data set of the presets roboart and noisy
 DATASETS = (
     *BUILT,

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from schemas.artifact import GREATEST
 from schemas.errors import InputError, first_fault
-from schemas.sequence import TrueJoint
+from schemas.sequence import NO_PART, TrueJoint
 from stages.ingest.formats.arrays import load_npz
 from stages.ingest.listing import is_file, is_folder
 from stages.ingest.messages import unreadable
@@ -27,9 +27,10 @@ _OTHER_NUMBERS = 100_000_000  # most numbers in the transforms of a file
 class RawTruth:
     """True parts, motions and tree of a sequence, in input coordinates and units.
 
-    `labels[t]` belongs to the points of frame t as read. `parent[p]` is -1 for the root, and -1 for every part if the
-    tree is unknown. Axes, points and states of `joints` are in input units. `own_coordinates` says that each frame has
-    coordinates of its own, so that the motion of the whole is not the object's.
+    `labels[t]` belongs to the points of frame t as read; `NO_PART` is that of points of no part. `parent[p]` is -1 for
+    the root, and -1 for every part if the tree is unknown. Axes, points and states of `joints` are in input units.
+    `own_coordinates` says that each frame has coordinates of its own, so that the motion of the whole is not the
+    object's.
     """
 
     labels: list[Int64[np.ndarray, "points"]]
@@ -82,10 +83,10 @@ def check_truth(truth: RawTruth, point_counts: Sequence[int], where: str) -> Non
             f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points"
         )
     for labels in truth.labels:
-        if labels.size and (labels.min() < 0 or labels.max() >= parts):
+        if labels.size and (labels.min() < NO_PART or labels.max() >= parts):
             raise InputError(
-                f"{where}: labels: found values in {labels.min()}..{labels.max()}, expected 0..{parts - 1}; "
-                "number the parts as in the transforms"
+                f"{where}: labels: found values in {labels.min()}..{labels.max()}, expected 0..{parts - 1}, "
+                f"or {NO_PART} for points of no part; number the parts as in the transforms"
             )
     _check_transforms(truth.Ts_frame_first, (frames, parts), f"{where}: poses")
     states = truth.Ts_novel_first.shape[0] if truth.Ts_novel_first.ndim else 0

@@ -44,8 +44,8 @@ def build_from_urdf(
     config: RoboartConfig,
     rng: np.random.Generator,
     sweep: Sweep = draw_sweep,
-) -> tuple[Frames, RawTruth]:
-    """Build a sequence of any robot with a URDF, in metres, with ground truth.
+) -> tuple[Frames, RawTruth, Float64[np.ndarray, "frames cameras 3"] | None]:
+    """Build a sequence of any robot with a URDF, in metres: its frames, ground truth, and viewpoints where known.
 
     Coordinates are those of the base link's first frame, unless each frame has its own. `mesh_dirs` are the folders for
     package:// names. `sweep` draws one joint's positions. The states of `RawTruth.joints` are joint positions relative
@@ -59,16 +59,17 @@ def build_from_urdf(
     if config.free_base:
         Ts_world_part, Ts_world_unseen = _free_base(surface, Ts_world_part, Ts_world_unseen, rng)
     scans = scan_states(surface, Ts_world_part, config, rng)
+    (arranging,) = rng.spawn(1)  # so that neither order nor coordinates depend on how the frames are sampled
     if config.shuffled:
-        order = rng.permutation(config.frames)
+        order = arranging.permutation(config.frames)
         swept, Ts_world_part, scans = swept[order], Ts_world_part[order], [scans[t] for t in order]
     if config.coordinates != "shared":
         size = centre_and_diagonal(surface, Ts_world_part)
-        Ts_own_world = draw_coordinates(config.frames, config.coordinates == "upright", *size, rng)
+        Ts_own_world = draw_coordinates(config.frames, config.coordinates == "upright", *size, arranging)
         scans = [scan.moved(T) for scan, T in zip(scans, Ts_own_world, strict=True)]
         Ts_world_part, Ts_world_unseen = Ts_own_world[:, None] @ Ts_world_part, Ts_own_world[0] @ Ts_world_unseen
     Ts_part_first = np.linalg.inv(Ts_world_part[0])
-    return [scan.points for scan in scans], RawTruth(
+    truth = RawTruth(
         labels=[scan.part for scan in scans],
         Ts_frame_first=Ts_world_part @ Ts_part_first,
         Ts_novel_first=Ts_world_unseen @ Ts_part_first,
@@ -77,6 +78,8 @@ def build_from_urdf(
         joints=_true_joints(robot, parts, swept, Ts_world_part[0]),
         own_coordinates=config.coordinates != "shared",
     )
+    views = [scan.p_viewpoints for scan in scans if scan.p_viewpoints is not None and config.known_viewpoints]
+    return [scan.points for scan in scans], truth, np.stack(views) if views else None
 
 
 def _free_base(
