@@ -9,8 +9,6 @@ from jaxtyping import Float64
 from pydantic import Field
 
 from schemas.artifact import Artifact, Rigid, Unit, Within
-from schemas.kinematic import CanonicalChoice, KinematicModel
-from schemas.sequence import PointSequence
 
 
 class Alignment(Artifact):

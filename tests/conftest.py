@@ -70,6 +70,8 @@ def true_surface() -> TrueSurface:
 def flow(matches: int = 4) -> Flow:
     rng = np.random.default_rng(1)
     return Flow(
+        pair_frames=np.array([[0, 1], [1, 2]]),
+        pair_costs=np.array([0.1, 0.2]),
         match_counts=np.array([matches, 0]),
         source_index=np.arange(matches),
         target_index=np.arange(matches)[::-1].copy(),

@@ -49,9 +49,7 @@ class Axes:
             np.concatenate([self.directions, other.directions]),
         )
 
-    def transforms(
-        self, axis: int, amounts: Float64[np.ndarray, "amounts"]
-    ) -> Float64[np.ndarray, "amounts 4 4"]:
+    def transforms(self, axis: int, amounts: Float64[np.ndarray, "amounts"]) -> Float64[np.ndarray, "amounts 4 4"]:
         """The motions about or along one axis by some angles (radians) or lengths."""
         along = np.multiply.outer(amounts, self.directions[axis])
         zero = np.zeros_like(along)

@@ -58,8 +58,7 @@ class Scene:
             return [np.ones(len(target.p)) for target in self.targets]
         source, still = self.source.take(chosen), np.eye(4)[None]
         return [
-            fit_costs(source.moved(Ts[labels[chosen], t]), target, still)[0][0]
-            for t, target in enumerate(self.targets)
+            fit_costs(source.moved(Ts[labels[chosen], t]), target, still)[0][0] for t, target in enumerate(self.targets)
         ]
 
     def refined(
@@ -73,10 +72,7 @@ class Scene:
         body = self.source.take(index[farthest_points(self.source.p[index], REFINED_POINTS)])
         weights = target_weights or [None] * len(self.targets)
         return np.stack(
-            [
-                refine_motions(target, body, Ts[t][None], reaches, weights[t])[0]
-                for t, target in enumerate(self.targets)
-            ]
+            [refine_motions(target, body, Ts[t][None], reaches, weights[t])[0] for t, target in enumerate(self.targets)]
         )
 
 

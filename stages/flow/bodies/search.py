@@ -39,7 +39,9 @@ DRIFT_PRICE, MOST_DRIFT, HELD_DRIFT = 0.15, 2.0, 1.5  # of motions that no singl
 DISTINCT = 1.0  # mean distance, in spacings, between different motions
 
 
-def explain(explanation: Explanation, diagonal: float, progress: Callable[[int], None] = lambda bodies: None) -> Explanation:
+def explain(
+    explanation: Explanation, diagonal: float, progress: Callable[[int], None] = lambda bodies: None
+) -> Explanation:
     """Add bodies as long as one lowers the energy. `diagonal` is the extent of the source, in spacings."""
     failed: list[Int64[np.ndarray, "piece"]] = []
     while len(explanation.Ts) < MOST_BODIES:
