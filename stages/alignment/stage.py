@@ -8,7 +8,6 @@ back to the frames' own coordinates when the canonical frame is chosen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from jaxtyping import Float64
@@ -50,16 +49,21 @@ class Scans:
         self.frames, self.points, self.reference = frames, points, len(frames) // 2
         p_reference = frames[self.reference]
         self.spacing = point_spacing(p_reference[working_points(p_reference, points)])
+        self._clouds: dict[int, OrientedCloud] = {}
+        self._thin: dict[int, OrientedCloud] = {}
 
-    @cache
     def cloud(self, t: int) -> OrientedCloud:
         """A frame as a target: twice the points, so that a moved point always finds one nearby."""
-        return OrientedCloud.of(self.frames[t][working_points(self.frames[t], 2 * self.points)] / self.spacing)
+        if t not in self._clouds:
+            index = working_points(self.frames[t], 2 * self.points)
+            self._clouds[t] = OrientedCloud.of(self.frames[t][index] / self.spacing)
+        return self._clouds[t]
 
-    @cache
     def thin(self, t: int) -> OrientedCloud:
         """A frame as a source."""
-        return self.cloud(t).take(farthest_points(self.cloud(t).p, self.points))
+        if t not in self._thin:
+            self._thin[t] = self.cloud(t).take(farthest_points(self.cloud(t).p, self.points))
+        return self._thin[t]
 
     def share_nearby(self, source: int, target: int) -> float:
         """The share of two frames that lie on each other, but for a small motion of the whole."""

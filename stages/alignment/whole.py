@@ -44,7 +44,7 @@ def whole_motions(
     few = source.take(farthest_points(source.p, FEW_POINTS))
     Ts = refine_motions(target, few, np.concatenate(starts), REACHES)
     order = np.argsort(fit_costs(target, few, Ts)[0].mean(axis=1), kind="stable")
-    Ts = Ts[distinct(Ts[order], few.p, KEPT, order)]
+    Ts = Ts[distinct(Ts[order], few.p, KEPT, order.tolist())]
     Ts = refine_motions(target, source.take(farthest_points(source.p, MORE_POINTS)), Ts, LAST_REACHES)
     shares = np.array([shared(source, target, T) for T in Ts])
     order = np.argsort(-shares, kind="stable")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from stages.flow.pair import PairFlow
+from schemas.flow import FlowPair
 from stages.flow.trajectories import interpolate
 from stages.kernels.alignment.fit_cost import fit_costs
 from stages.kernels.points.nearest import KDTree
@@ -18,7 +18,7 @@ NO_MATCHES = 2.0  # the cost of a pair that nothing links
 
 
 def pair_cost(
-    source: Float64[np.ndarray, "points 3"], target: Float64[np.ndarray, "targets 3"], pair: PairFlow
+    source: Float64[np.ndarray, "points 3"], target: Float64[np.ndarray, "targets 3"], pair: FlowPair
 ) -> float:
     """The mean cost of the source's points once they are moved along the flow, plus that of the target's points."""
     if len(pair.source_index) == 0:

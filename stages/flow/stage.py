@@ -7,7 +7,6 @@ the normalised frame. The result has one `PairFlow` for each consecutive pair.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -29,6 +28,7 @@ from stages.flow.pair_cost import pair_cost
 from stages.support.progress import Progress, silent
 from stages.support.registry import blaming, resolve
 
+BESIDE = "hybrid"  # the estimator that is completed by rigid bodies
 FARTHEST = 98  # percentile of the flow's lengths that tells how far points move
 
 
@@ -38,7 +38,7 @@ def estimate_none(
     rng: np.random.Generator,
     progress: Progress,
 ) -> list[PairFlow]:
-    """Return no matches for any pair, to measure the effect of flow. Set `flow.bodies.most_frames=0` as well."""
+    """Return no matches for any pair, to measure the effect of flow."""
     nothing = np.zeros(0, dtype=np.int64)
     return [PairFlow(nothing, nothing, np.zeros((0, 3)), np.zeros(0)) for _ in frames[1:]]
 
@@ -61,36 +61,21 @@ def compute_flow(
 ) -> Flow:
     """Estimate the flow of pairs of frames that look alike by the configured estimator, and judge each pair.
 
-    Where frames are few or far apart, the flow from the `reference` frame (by default the middle one) to all others is
-    also looked for by rigid bodies.
+    Where frames are few or far apart, `hybrid` is completed: the flow from the `reference` frame (by default the middle
+    one) to all others is also looked for by rigid bodies.
 
     Raises InputError for an unknown estimator, and ValueError if a user's own one does not return one PairFlow for each
     consecutive pair of the frames that it is given, or returns indices outside a frame.
     """
     frames = sequence.frames()
     pairs = _by_estimator(frames, config, rng, progress)
-    if _far_apart(pairs, len(frames), config.bodies):
-        pairs += _by_bodies(frames, len(frames) // 2 if reference is None else reference, config)
     with blaming("flow.estimator", config.estimator):
-        return Flow(
-            pair_frames=np.array([(pair.source_frame, pair.target_frame) for pair in pairs], dtype=np.int64),
-            pair_costs=np.array([pair.cost for pair in pairs]),
-            match_counts=np.array([len(pair.flow.source_index) for pair in pairs], dtype=np.int64),
-            source_index=np.concatenate([pair.flow.source_index for pair in pairs]),
-            target_index=np.concatenate([pair.flow.target_index for pair in pairs]),
-            flow=np.concatenate([pair.flow.flow for pair in pairs]),
-            confidence=np.concatenate([pair.flow.confidence for pair in pairs]),
-        )
-
-
-@dataclass(frozen=True)
-class _JudgedPair:
-    """The flow of a pair of frames, and how badly it carries one to the other."""
-
-    source_frame: int
-    target_frame: int
-    flow: PairFlow
-    cost: float
+        flow = _assembled(pairs)
+    flow = _judged(flow, frames)
+    if config.estimator == BESIDE and _far_apart(flow, len(frames), config.bodies):
+        found = flow_by_bodies(frames, len(frames) // 2 if reference is None else reference, config.bodies)
+        flow = _joined(flow, _judged(_assembled(found), frames, config.bodies.advantage))
+    return flow
 
 
 def _by_estimator(
@@ -98,39 +83,49 @@ def _by_estimator(
     config: FlowConfig,
     rng: np.random.Generator,
     progress: Progress,
-) -> list[_JudgedPair]:
-    """The flow of pairs that look alike."""
+) -> list[tuple[int, int, PairFlow]]:
+    """The flow of pairs of frames that look alike, as (source frame, target frame, flow)."""
     estimate = resolve("flow.estimator", config.estimator, ESTIMATORS)
-    judged = []
+    pairs = []
     for path in matching_paths(frames):
         found = estimate([frames[t] for t in path], config, rng, progress)
         if problem := next(_problems(found, [len(frames[t]) for t in path]), None):
             raise ValueError(f"flow.estimator {config.estimator!r}{problem}")
-        judged += [
-            _JudgedPair(a, b, flow, pair_cost(frames[a], frames[b], flow))
-            for (a, b), flow in zip(pairwise(path), found, strict=True)
-        ]
-    return judged
+        pairs += [(a, b, pair) for (a, b), pair in zip(pairwise(path), found, strict=True)]
+    return pairs
 
 
-def _far_apart(pairs: Sequence[_JudgedPair], frames: int, config: BodiesFlowConfig) -> bool:
-    """Whether bodies are to be looked for: in few frames always, in some where points move far."""
+def _assembled(pairs: Sequence[tuple[int, int, PairFlow]]) -> Flow:
+    """The artifact of some pairs, whose costs are yet to be found."""
+    flows = [pair for _, _, pair in pairs]
+    return Flow(
+        pair_frames=np.array([(source, target) for source, target, _ in pairs], dtype=np.int64),
+        pair_costs=np.zeros(len(pairs)),
+        match_counts=np.array([len(pair.source_index) for pair in flows], dtype=np.int64),
+        source_index=np.concatenate([pair.source_index for pair in flows]),
+        target_index=np.concatenate([pair.target_index for pair in flows]),
+        flow=np.concatenate([pair.flow for pair in flows]),
+        confidence=np.concatenate([pair.confidence for pair in flows]),
+    )
+
+
+def _judged(flow: Flow, frames: Sequence[Float64[np.ndarray, "points 3"]], advantage: float = 0.0) -> Flow:
+    """The flow with the cost of each pair, less an advantage."""
+    costs = [pair_cost(frames[pair.source_frame], frames[pair.target_frame], pair) for pair in flow.pairs()]
+    return flow.replace(pair_costs=np.maximum(0.0, np.array(costs) - advantage))
+
+
+def _joined(flow: Flow, other: Flow) -> Flow:
+    """The pairs of both."""
+    return Flow(**{name: np.concatenate([getattr(flow, name), getattr(other, name)]) for name in Flow.model_fields})
+
+
+def _far_apart(flow: Flow, frames: int, config: BodiesFlowConfig) -> bool:
+    """Whether bodies are to be looked for: in few frames always, in some more where points move far."""
     if config.few_frames < frames <= config.most_frames:
-        lengths = [np.linalg.norm(pair.flow.flow, axis=1) for pair in pairs if len(pair.flow.flow)]
-        return bool(lengths) and np.mean([np.percentile(length, FARTHEST) for length in lengths]) > config.far
+        lengths = [np.linalg.norm(pair.flow, axis=1) for pair in flow.pairs() if len(pair.flow)]
+        return bool(lengths) and float(np.mean([np.percentile(length, FARTHEST) for length in lengths])) > config.far
     return frames <= config.few_frames
-
-
-def _by_bodies(
-    frames: Sequence[Float64[np.ndarray, "points 3"]], reference: int, config: FlowConfig
-) -> list[_JudgedPair]:
-    """The flow from the reference frame to all others."""
-    return [
-        _JudgedPair(
-            reference, t, flow, max(0.0, pair_cost(frames[reference], frames[t], flow) - config.bodies.advantage)
-        )
-        for t, flow in flow_by_bodies(frames, reference, config.bodies).items()
-    ]
 
 
 def _problems(pairs: Any, point_counts: Sequence[int]) -> Iterator[str]:

@@ -21,8 +21,11 @@ MAX_DISTANCE = 2.0  # spacings between matched points
 
 def flow_by_bodies(
     frames: Sequence[Float64[np.ndarray, "points 3"]], reference: int, config: BodiesFlowConfig
-) -> dict[int, PairFlow]:
-    """The flow from the reference frame to each other frame. One body stands still, as in common coordinates."""
+) -> list[tuple[int, int, PairFlow]]:
+    """The flow from the reference frame to each other frame, as (source frame, target frame, flow).
+
+    One body stands still, as in common coordinates.
+    """
     p = frames[reference]
     others = [t for t in range(len(frames)) if t != reference]
     index = working_points(p, config.points)
@@ -34,8 +37,8 @@ def flow_by_bodies(
     diagonal = float(np.linalg.norm(np.ptp(source.p, axis=0)))
     found = explain(Explanation.by_one_body(Scene.of(source, working), still), diagonal)
     label = found.labels[nearest(source.tree, p / spacing)[1]]
-    flows = {}
+    pairs = []
     for k, t in enumerate(others):
         moved = move_points(found.Ts[label, k], p / spacing) * spacing
-        flows[t] = mutual_matches(p, moved, frames[t], point_spacing(frames[t]), MAX_DISTANCE)
-    return flows
+        pairs.append((reference, t, mutual_matches(p, moved, frames[t], point_spacing(frames[t]), MAX_DISTANCE)))
+    return pairs

@@ -44,7 +44,9 @@ class Scene:
 
     def costs(self, Ts: Float64[np.ndarray, "targets 4 4"]) -> Float64[np.ndarray, "targets points"]:
         """The cost of each source point in each target if it moved by `Ts`."""
-        return np.stack([fit_costs(target, self.source, T[None])[0][0] for target, T in zip(self.targets, Ts)])
+        return np.stack(
+            [fit_costs(target, self.source, T[None])[0][0] for target, T in zip(self.targets, Ts, strict=True)]
+        )
 
     def costs_back(
         self,
@@ -70,7 +72,7 @@ class Scene:
     ) -> Float64[np.ndarray, "targets 4 4"]:
         """The motion of a body refined in each target."""
         body = self.source.take(index[farthest_points(self.source.p[index], REFINED_POINTS)])
-        weights = target_weights or [None] * len(self.targets)
+        weights = [None] * len(self.targets) if target_weights is None else list(target_weights)
         return np.stack(
             [refine_motions(target, body, Ts[t][None], reaches, weights[t])[0] for t, target in enumerate(self.targets)]
         )

@@ -210,5 +210,7 @@ def _newly_explained(
     left: list[Float64[np.ndarray, "target_points"]],
 ) -> list[Float64[np.ndarray, "points"]]:
     """How well each moved point explains a target point that nothing else explains."""
-    nearest_index = [nearest(target.tree, move_points(T, scene.source.p))[1] for target, T in zip(scene.targets, Ts)]
+    nearest_index = [
+        nearest(target.tree, move_points(T, scene.source.p))[1] for target, T in zip(scene.targets, Ts, strict=True)
+    ]
     return [(1.0 - cost) * one[index] for cost, one, index in zip(costs, left, nearest_index, strict=True)]
