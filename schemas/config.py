@@ -231,20 +231,6 @@ class NetworkFlowConfig(Settings):
     )
 
 
-class BodiesFlowConfig(Settings):
-    """Motions between frames that are far apart, by rigid bodies over all frames at once."""
-
-    points: int = Field(default=2048, ge=64, description="points per frame that bodies are found on")
-    few_frames: int = Field(default=6, ge=0, description="sequences of at most so many frames are always searched")
-    most_frames: int = Field(default=12, ge=0, description="those of more frames never are")
-    far: float = Field(
-        default=0.2, ge=0, description="those between are where points move farther from frame to frame, in diagonals"
-    )
-    advantage: float = Field(
-        default=0.03, ge=0, description="a pair's flow by bodies may cost so much more than by the estimator"
-    )
-
-
 class TrainFlowConfig(Settings):
     """Training data and schedule of the feature network, for `reart train-flow` (A.1)."""
 
@@ -278,7 +264,6 @@ class FlowConfig(Settings):
         default="hybrid",
         description="what finds the flow: hybrid, geometric, network, fpfh, none, or package.module:function",
     )
-    bodies: BodiesFlowConfig = BodiesFlowConfig()
     geometric: GeometricFlowConfig = GeometricFlowConfig()
     network: NetworkFlowConfig = NetworkFlowConfig()
 
@@ -353,6 +338,17 @@ class AlternatingConfig(Settings):
     min_part_share: float = Field(default=0.008, ge=0, lt=1, description="smaller parts are absorbed")
 
 
+class BodiesConfig(Settings):
+    """Another start of the solver `alternating`, for frames far apart: bodies found one by one over all frames."""
+
+    points: int = Field(default=2048, ge=64, description="points per frame that bodies are found on")
+    few_frames: int = Field(default=6, ge=0, description="sequences of at most so many frames are always searched")
+    most_frames: int = Field(default=12, ge=0, description="those of more frames never are")
+    far: float = Field(
+        default=0.2, ge=0, description="those between are where points move farther from frame to frame, in diagonals"
+    )
+
+
 class RelaxedFitConfig(Settings):
     """The relaxed fit of one candidate canonical frame."""
 
@@ -362,6 +358,7 @@ class RelaxedFitConfig(Settings):
     energy: EnergyConfig = EnergyConfig()
     gumbel: GumbelConfig = GumbelConfig()
     alternating: AlternatingConfig = AlternatingConfig()
+    bodies: BodiesConfig = BodiesConfig()
 
 
 class ProjectionConfig(Settings):

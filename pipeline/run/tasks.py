@@ -95,12 +95,9 @@ class FlowTask(CommonTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Flow:
-        from stages.canonical_frame.candidates import candidate_frame
         from stages.flow.stage import compute_flow
 
-        sequence = common_sequence(inputs)
-        reference = candidate_frame(sequence.point_counts.tolist())
-        return compute_flow(sequence, given.settings.flow, given.rng, given.progress, reference)
+        return compute_flow(common_sequence(inputs), given.settings.flow, given.rng, given.progress)
 
 
 class CandidateTask(CommonTask):

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from schemas.config import BodiesFlowConfig, FlowConfig
+from schemas.config import FlowConfig
 from schemas.flow import Flow
 from schemas.sequence import PointSequence
-from stages.flow.bodies.estimator import flow_by_bodies
 from stages.flow.descriptors import fpfh
 from stages.flow.geometric import estimate_geometric
 from stages.flow.hybrid import hybrid_of
@@ -27,9 +26,6 @@ from stages.flow.pair import PairFlow
 from stages.flow.pair_cost import pair_cost
 from stages.support.progress import Progress, silent
 from stages.support.registry import blaming, resolve
-
-BESIDE = "hybrid"  # the estimator that is completed by rigid bodies
-FARTHEST = 98  # percentile of the flow's lengths that tells how far points move
 
 
 def estimate_none(
@@ -57,12 +53,8 @@ def compute_flow(
     config: FlowConfig,
     rng: np.random.Generator,
     progress: Progress = silent,
-    reference: int | None = None,
 ) -> Flow:
     """Estimate the flow of pairs of frames that look alike by the configured estimator, and judge each pair.
-
-    Where frames are few or far apart, `hybrid` is completed: the flow from the `reference` frame (by default the middle
-    one) to all others is also looked for by rigid bodies.
 
     Raises InputError for an unknown estimator, and ValueError if a user's own one does not return one PairFlow for each
     consecutive pair of the frames that it is given, or returns indices outside a frame.
@@ -71,11 +63,8 @@ def compute_flow(
     pairs = _by_estimator(frames, config, rng, progress)
     with blaming("flow.estimator", config.estimator):
         flow = _assembled(pairs)
-    flow = _judged(flow, frames)
-    if config.estimator == BESIDE and _far_apart(flow, len(frames), config.bodies):
-        found = flow_by_bodies(frames, len(frames) // 2 if reference is None else reference, config.bodies)
-        flow = _joined(flow, _judged(_assembled(found), frames, config.bodies.advantage))
-    return flow
+    costs = [pair_cost(frames[pair.source_frame], frames[pair.target_frame], pair) for pair in flow.pairs()]
+    return flow.replace(pair_costs=np.array(costs))
 
 
 def _by_estimator(
@@ -107,25 +96,6 @@ def _assembled(pairs: Sequence[tuple[int, int, PairFlow]]) -> Flow:
         flow=np.concatenate([pair.flow for pair in flows]),
         confidence=np.concatenate([pair.confidence for pair in flows]),
     )
-
-
-def _judged(flow: Flow, frames: Sequence[Float64[np.ndarray, "points 3"]], advantage: float = 0.0) -> Flow:
-    """The flow with the cost of each pair, less an advantage."""
-    costs = [pair_cost(frames[pair.source_frame], frames[pair.target_frame], pair) for pair in flow.pairs()]
-    return flow.replace(pair_costs=np.maximum(0.0, np.array(costs) - advantage))
-
-
-def _joined(flow: Flow, other: Flow) -> Flow:
-    """The pairs of both."""
-    return Flow(**{name: np.concatenate([getattr(flow, name), getattr(other, name)]) for name in Flow.model_fields})
-
-
-def _far_apart(flow: Flow, frames: int, config: BodiesFlowConfig) -> bool:
-    """Whether bodies are to be looked for: in few frames always, in some more where points move far."""
-    if config.few_frames < frames <= config.most_frames:
-        lengths = [np.linalg.norm(pair.flow, axis=1) for pair in flow.pairs() if len(pair.flow)]
-        return bool(lengths) and float(np.mean([np.percentile(length, FARTHEST) for length in lengths])) > config.far
-    return frames <= config.few_frames
 
 
 def _problems(pairs: Any, point_counts: Sequence[int]) -> Iterator[str]:

@@ -6,15 +6,13 @@ axis is swept over all targets. The energy of the whole decides whether a body i
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from scipy.sparse.csgraph import connected_components
 
 from schemas.joints import PRISMATIC, REVOLUTE
-from stages.flow.bodies.axes import Axes, axes_of_shape, axis_of_motion, share_on_surface
-from stages.flow.bodies.scene import FEWEST_POINTS, Explanation, Scene
+from stages.relaxed_fit.bodies.axes import Axes, axes_of_shape, axis_of_motion, share_on_surface
+from stages.relaxed_fit.bodies.scene import FEWEST_POINTS, Explanation, Scene
 from stages.kernels.alignment.fit_cost import fit_costs, refine_motions
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse, move_points
@@ -39,13 +37,10 @@ DRIFT_PRICE, MOST_DRIFT, HELD_DRIFT = 0.15, 2.0, 1.5  # of motions that no singl
 DISTINCT = 1.0  # mean distance, in spacings, between different motions
 
 
-def explain(
-    explanation: Explanation, diagonal: float, progress: Callable[[int], None] = lambda bodies: None
-) -> Explanation:
+def explain(explanation: Explanation, diagonal: float) -> Explanation:
     """Add bodies as long as one lowers the energy. `diagonal` is the extent of the source, in spacings."""
     failed: list[Int64[np.ndarray, "piece"]] = []
     while len(explanation.Ts) < MOST_BODIES:
-        progress(len(explanation.Ts))
         pieces = [piece for piece in left_over(explanation) if not any(_alike(piece, one) for one in failed)]
         for piece in pieces[:TRIED_PIECES]:
             found = _best_with(explanation, piece, diagonal)
