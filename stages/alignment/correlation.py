@@ -7,8 +7,8 @@ from jaxtyping import Float64
 from scipy.fft import irfftn, rfftn
 from scipy.ndimage import gaussian_filter
 
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.motion.rigid_motion import from_parts
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 
 BLUR = 0.8  # cells
 PEAK = 2  # cells around a peak in which no further one is looked for

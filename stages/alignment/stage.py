@@ -18,9 +18,9 @@ from schemas.sequence import PointSequence
 from stages.alignment.agreement import agreeing
 from stages.alignment.whole import shared, whole_motions
 from stages.kernels.alignment.fit_cost import fit_costs, refine_motions
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.motion.rigid_motion import inverse
 from stages.kernels.points.sampling import farthest_points, point_spacing, working_points
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 from stages.support.progress import Progress, silent
 
 NEARBY_REACHES = (4.0, 3.0, 2.5, 2.0, 1.5, 1.5)

@@ -14,9 +14,9 @@ from jaxtyping import Float64
 from stages.alignment.correlation import correlated_motions
 from stages.alignment.rotations import even_rotations, upright_rotations
 from stages.kernels.alignment.fit_cost import fit_costs, refine_motions
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.sampling import farthest_points
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 
 CORRELATED_POINTS, FEW_POINTS, MORE_POINTS = 1200, 350, 900
 COARSE = 600, 20, 32, 2, 60  # rotations, cells in a diagonal, cells of the grid, peaks, kept

@@ -8,9 +8,9 @@ from jaxtyping import Float64
 from schemas.flow import FlowPair
 from stages.flow.trajectories import interpolate
 from stages.kernels.alignment.fit_cost import fit_costs
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.points.nearest import KDTree
 from stages.kernels.points.sampling import point_spacing, working_points
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 
 POINTS = 1024
 FLOW_NEIGHBOURS = 3

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.alignment.registration import robust_weight, turn_about, twist_jacobian
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import nearest
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 
 PLANE_SPREAD, POINT_SPREAD = 0.35, 0.7  # of distances from a plane and between points, in spacings
 BEND_SPREAD = 0.15  # of 1 - |cos| of the angle between the normals of flat surfaces

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.motion.rigid_motion import rotation_vectors
 from stages.kernels.points.nearest import KDTree, nearest
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 
 SHARPNESS = 32  # power of |cos| with which normals count for a direction that they lie along
 ALONG = 0.9  # |cos| of normals that a direction accounts for

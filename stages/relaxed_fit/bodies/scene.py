@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from stages.kernels.alignment.fit_cost import fit_costs, refine_motions
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.labelling.graph_cut import expansion_move
 from stages.kernels.points.nearest import SURFACE_NEIGHBOURS, neighbours
 from stages.kernels.points.sampling import farthest_points
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 from stages.kernels.surfaces.surface_graph import SurfaceGraph, smoothness_weights, surface_graph
 
 Motions = Float64[np.ndarray, "bodies targets 4 4"]

@@ -11,14 +11,14 @@ from jaxtyping import Bool, Float64, Int64
 from scipy.sparse.csgraph import connected_components
 
 from schemas.joints import PRISMATIC, REVOLUTE
-from stages.relaxed_fit.bodies.axes import Axes, axes_of_shape, axis_of_motion, share_on_surface
-from stages.relaxed_fit.bodies.scene import FEWEST_POINTS, Explanation, Scene
 from stages.kernels.alignment.fit_cost import fit_costs, refine_motions
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
+from stages.relaxed_fit.bodies.axes import Axes, axes_of_shape, axis_of_motion, share_on_surface
+from stages.relaxed_fit.bodies.scene import FEWEST_POINTS, Explanation, Scene
 
 MOST_BODIES = 12
 LEFT_OVER = 0.5  # cost, smoothed over the surroundings, above which a point is not explained

@@ -11,9 +11,9 @@ from jaxtyping import Float64, Int64
 
 from schemas.config import BodiesConfig
 from schemas.flow import Flow
+from stages.kernels.alignment.oriented_cloud import OrientedCloud
 from stages.kernels.points.nearest import nearest
 from stages.kernels.points.sampling import farthest_points, point_spacing, working_points
-from stages.kernels.surfaces.oriented_cloud import OrientedCloud
 from stages.relaxed_fit.bodies.scene import Explanation, Scene
 from stages.relaxed_fit.bodies.search import explain
 from stages.relaxed_fit.start import Start
