@@ -185,9 +185,12 @@ class FinalFitTask(CandidateTask):
 
         model, sequence = inputs["merging"], common_sequence(inputs)
         settings = given.settings
+        config = settings.final_fit
+        if inputs["alignment"].own_frames:  # registration leaves small motions of the whole
+            config = config.model_copy(update={"still_root": 0.0})
         kinds, middle_root = settings.projection.kinds, settings.projection.root == "middle"
         return compute_final_fit(
-            model, sequence, inputs["flow"], settings.final_fit, given.rng, given.progress, kinds, middle_root
+            model, sequence, inputs["flow"], config, given.rng, given.progress, kinds, middle_root
         )
 
 
