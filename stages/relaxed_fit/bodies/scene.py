@@ -19,7 +19,7 @@ from stages.kernels.surfaces.surface_graph import SurfaceGraph, smoothness_weigh
 Motions = Float64[np.ndarray, "bodies targets 4 4"]
 
 BOUNDARY_PRICE = 0.25  # of a surface edge between two bodies, where the surface bends as usual
-BODY_PRICE = 12.0
+BODY_PRICE = 20.0
 BACK_WEIGHT = 0.5  # of the targets' costs beside the source's
 REFINED_POINTS = 400
 FEWEST_POINTS = 8  # of a body whose motion can be refined
