@@ -38,7 +38,7 @@ from pipeline.store import artifacts
 from pipeline.store.files import write_files
 from pipeline.store.keys import canonical_json
 from schemas.artifact import Schema
-from schemas.config import IngestConfig, PipelineConfig
+from schemas.config import ArtefactsConfig, DepthConfig, IngestConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.manifest import Manifest
 from schemas.model_file import ModelJoint, Result
@@ -208,10 +208,8 @@ def prepare(artifact: Path, anew: bool, assets: Path | None) -> tuple[Exported, 
 def dense(manifest: Manifest, assets: Path, ingested: IngestedSequence) -> IngestedSequence:
     """The same robot in the same motion, sampled densely and without a sensor's faults."""
     config = IngestConfig.model_validate(manifest.config["ingest"])
-    depth = config.roboart.depth.model_copy(update={"cameras": 0})
-    perfect = config.roboart.model_copy(
-        update={"points": TRUE_POINTS, "noise_percent": 0.0, "viewpoints": 0, "depth": depth}
-    )
+    sensor = {"noise_percent": 0.0, "viewpoints": 0, "depth": DepthConfig(), "artefacts": ArtefactsConfig()}
+    perfect = config.roboart.model_copy(update={"points": TRUE_POINTS, **sensor})
     [source] = [source for source in list_sources(config, assets) if source.name == manifest.sequence]
     seed = [manifest.seed, zlib.crc32(canonical_json(["ingest", {}]).encode())]  # as the task's own
     again = source.load(config.model_copy(update={"roboart": perfect}), np.random.default_rng(seed))

@@ -22,7 +22,6 @@ from schemas.scores import (
 Score = SequenceScore | GroupScore
 
 QUALITY = (
-    "oversplit",
     "ari",
     "told_share",
     "ari_told",
@@ -42,6 +41,7 @@ QUALITY = (
     "chamfer_percent",
 )
 JOINTS_AND_COST = (
+    "oversplit",
     "moving_joints_found",
     "axis_angle_deg",
     "axis_angle_mean_deg",
