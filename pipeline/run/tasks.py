@@ -189,9 +189,7 @@ class FinalFitTask(CandidateTask):
         if inputs["alignment"].own_frames:  # registration leaves small motions of the whole
             config = config.model_copy(update={"still_root": 0.0})
         kinds, middle_root = settings.projection.kinds, settings.projection.root == "middle"
-        return compute_final_fit(
-            model, sequence, inputs["flow"], config, given.rng, given.progress, kinds, middle_root
-        )
+        return compute_final_fit(model, sequence, inputs["flow"], config, given.rng, given.progress, kinds, middle_root)
 
 
 class CanonicalFrameTask(CommonTask):
