@@ -181,13 +181,13 @@ class FinalFitTask(CandidateTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
-        from stages.final_fit.stage import compute_final_fit
+        from stages.final_fit.stage import compute_final_fit, of_own_frames
 
         model, sequence = inputs["merging"], common_sequence(inputs)
         settings = given.settings
         config = settings.final_fit
-        if inputs["alignment"].own_frames:  # registration leaves small motions of the whole
-            config = config.model_copy(update={"still_root": 0.0})
+        if inputs["alignment"].own_frames:
+            config = of_own_frames(config, sequence.frame_count)
         kinds, middle_root = settings.projection.kinds, settings.projection.root == "middle"
         return compute_final_fit(model, sequence, inputs["flow"], config, given.rng, given.progress, kinds, middle_root)
 

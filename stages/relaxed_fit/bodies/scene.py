@@ -19,8 +19,8 @@ from stages.kernels.surfaces.surface_graph import SurfaceGraph, smoothness_weigh
 Motions = Float64[np.ndarray, "bodies targets 4 4"]
 
 BOUNDARY_PRICE = 0.25  # of a surface edge between two bodies, where the surface bends as usual
-BODY_PRICE = 20.0
-BACK_WEIGHT = 0.5  # of the targets' costs beside the source's
+BODY_PRICE = 12.0
+FORTH_WEIGHT, BACK_WEIGHT = 0.5, 1.0  # of the costs of the source's points and of the targets'
 REFINED_POINTS = 400
 FEWEST_POINTS = 8  # of a body whose motion can be refined
 
@@ -109,7 +109,9 @@ class Explanation:
         boundary = scene.prices[self.labels[a] != self.labels[b]].sum()
         back = np.mean([costs.mean() for costs in scene.costs_back(self.labels, self.Ts)])
         forth = self.own_costs.mean(axis=0).sum()
-        return float(forth + BACK_WEIGHT * points * back + boundary + BODY_PRICE * len(self.Ts) + self.penalty)
+        return float(
+            FORTH_WEIGHT * forth + BACK_WEIGHT * points * back + boundary + BODY_PRICE * len(self.Ts) + self.penalty
+        )
 
     def relabelled(
         self, order: Sequence[int], bonus: Float64[np.ndarray, "bodies points"] | None = None

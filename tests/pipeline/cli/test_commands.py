@@ -98,7 +98,7 @@ def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     result = reart("status", *DATA)
     assert result.exit_code == 0
     assert "box" in result.stdout
-    assert result.stdout.count("missing") == 11
+    assert result.stdout.count("missing") == 12
 
 
 @pytest.mark.parametrize(
