@@ -1,7 +1,7 @@
 """Makes the URDFs of three everyday things, look-alikes of figure 2 of the paper's supplement.
 
-A toy truck has one hinge. A game console has two controllers that slide a little. An office chair slides up, swivels
-and has a back that tilts.
+A toy truck has one hinge. A game console has two controllers that slide a little. An office chair swivels, slides
+up and has a back that tilts.
 
     python benchmarks/look_alikes.py OUT
     reart run --dataset urdf-phone --data OUT --workdir WORKDIR
@@ -74,16 +74,17 @@ def switch() -> str:
 
 
 def chair() -> str:
-    """An office chair: its column slides in the base, its seat swivels on the column, its back tilts."""
+    """An office chair: its column swivels on the base, its seat slides up on the column, its back tilts."""
     legs = [box((0.3, 0.05, 0.04), (0.15, 0, 0.05)), box((0.3, 0.05, 0.04), (-0.15, 0, 0.05))]
     legs += [box((0.05, 0.3, 0.04), (0, 0.15, 0.05)), box((0.05, 0.3, 0.04), (0, -0.15, 0.05))]
-    base = [*legs, cylinder(0.045, 0.22, (0, 0, 0.16))]
-    column = [cylinder(0.03, 0.3), box((0.12, 0.12, 0.03), (0, 0, 0.14))]
+    base = [*legs, cylinder(0.045, 0.12, (0, 0, 0.1))]
+    lever = cylinder(0.012, 0.3, (0.02, 0.22, 0.1), (1.5708, 0, 0))
+    column = [cylinder(0.03, 0.2), box((0.2, 0.16, 0.08), (0, 0, 0.1)), lever]
     seat = [box((0.44, 0.46, 0.06), (0.02, 0, 0.05)), *(box((0.2, 0.04, 0.2), (0.02, y, 0.16)) for y in (-0.25, 0.25))]
     back = [box((0.05, 0.4, 0.5), (0, 0, 0.33)), box((0.03, 0.08, 0.12), (0, 0, 0.06))]
     joints = [
-        joint("prismatic", "base", "column", (0, 0, 0.25), (0, 0, 1), 0.0, 0.14),
-        joint("revolute", "column", "seat", (0, 0, 0.16), (0, 0, 1), -1.2, 1.2),
+        joint("revolute", "base", "column", (0, 0, 0.25), (0, 0, 1), -1.2, 1.2),
+        joint("prismatic", "column", "seat", (0, 0, 0.14), (0, 0, 1), 0.0, 0.14),
         joint("revolute", "seat", "back", (-0.22, 0, 0.06), (0, 1, 0), -0.7, 0.2),
     ]
     return robot("chair", {"base": base, "column": column, "seat": seat, "back": back}, joints)
