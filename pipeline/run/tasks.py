@@ -58,6 +58,11 @@ class AlignmentTask(StageTask):
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job)}
 
+    def check(self, inputs: Inputs) -> None:
+        from stages.canonical_frame.candidates import candidate_frames
+
+        candidate_frames(inputs["ingest"].sequence.point_counts.tolist(), self.job.config.canonical_frame)
+
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Alignment:
         from stages.alignment.stage import compute_alignment
@@ -87,11 +92,6 @@ class FlowTask(CommonTask):
 
     def upstream_keys(self) -> dict[str, str]:
         return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
-
-    def check(self, inputs: Inputs) -> None:
-        from stages.canonical_frame.candidates import candidate_frames
-
-        candidate_frames(inputs["ingest"].sequence.point_counts.tolist(), self.job.config.canonical_frame)
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Flow:

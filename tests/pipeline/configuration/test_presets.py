@@ -94,7 +94,7 @@ def test_override_values_are_toml_or_plain_text(override, read):
         ("final_fit.iteration=3", "final_fit.iterations"),
         ("gumbel.iterations=3", "relaxed_fit.gumbel.iterations"),
         ("finalfit.points=3", "final_fit.points"),
-        ("nonsense.q=3", "there are seed, ingest, flow"),
+        ("nonsense.q=3", "there are seed, ingest, alignment"),
     ],
 )
 def test_an_unknown_setting_is_refused_with_the_nearest_known(override, suggestion):
