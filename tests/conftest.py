@@ -70,6 +70,8 @@ def true_surface() -> TrueSurface:
 def flow(matches: int = 4) -> Flow:
     rng = np.random.default_rng(1)
     return Flow(
+        pair_frames=np.array([[0, 1], [1, 2]]),
+        pair_costs=np.array([0.1, 0.2]),
         match_counts=np.array([matches, 0]),
         source_index=np.arange(matches),
         target_index=np.arange(matches)[::-1].copy(),
@@ -189,6 +191,7 @@ def robot() -> Robot:
 
 SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
+    "seen_sequence": lambda: point_sequence().replace(viewpoints=np.random.default_rng(5).normal(size=(FRAMES, 2, 3))),
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),
     "ingested_surface": lambda: IngestedSequence(sequence=point_sequence(), surface=true_surface()),

@@ -12,7 +12,8 @@ ROWS = (54, 214, 372, 496)
 # name: column, row, what it decides, the artifact that it writes (schemas/)
 STAGES = {
     "ingest": (1, 0, "normalised frames", "IngestedSequence"),
-    "flow": (2, 0, "matches between frames", "Flow"),
+    "alignment": (2, 0, "common coordinates", "Alignment"),
+    "flow": (3, 0, "matches between frames", "Flow"),
     "relaxed_fit": (0, 1, "parts and their free motions", "RelaxedModel"),
     "projection": (1, 1, "a tree with screw joints", "KinematicModel"),
     "merging": (2, 1, "which parts are one", "KinematicModel"),
@@ -92,14 +93,18 @@ def picture() -> str:
         text(sources_x + 12, sources_y + 23, "a source"),
         text(sources_x + 12, sources_y + 45, "files of frames, or a data set", "soft"),
         text(sources_x + 12, sources_y + 65, "stages/ingest/sources.py", "schema"),
-        text(COLUMNS[3], ROWS[0] + 23, "Every later stage also reads", "soft"),
-        text(COLUMNS[3], ROWS[0] + 41, "the sequence of ingest; only", "soft"),
-        text(COLUMNS[3], ROWS[0] + 59, "evaluation and report use", "soft"),
-        text(COLUMNS[3], ROWS[0] + 77, "its ground truth.", "soft"),
+        text(
+            COLUMNS[0],
+            ROWS[3] + 66,
+            "Later stages also read the sequence of ingest: up to the choice in common",
+            "soft",
+        ),
+        text(COLUMNS[0], ROWS[3] + 84, "coordinates. Only evaluation and report use its ground truth.", "soft"),
         text(24, 30, "What each stage reads and writes", "name"),
         *map(box, STAGES),
         arrow((sources_x + width, sources_y + height // 2), side("ingest", "left")),
-        arrow(side("ingest", "right"), side("flow", "left")),
+        arrow(side("ingest", "right"), side("alignment", "left")),
+        arrow(side("alignment", "right"), side("flow", "left")),
         arrow(
             side("flow", "bottom", -30),
             (side("flow", "bottom", -30)[0], above),

@@ -45,6 +45,14 @@ def fit(
         str | None, typer.Option(help="The unit of the coordinates: m, cm or mm, or in words: millimetre.")
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
+    own_frames: Annotated[
+        bool | None,
+        typer.Option(
+            "--own-frames/--shared-frames",
+            help="Whether each frame has coordinates of its own, as scan apps give them.",
+            show_default="found out",
+        ),
+    ] = None,
     seed: SeedOption = None,
     joints: JointsOption = None,
     workers: WorkersOption,
@@ -58,7 +66,8 @@ def fit(
 
     - `reart fit lamp.npz --out models/lamp --set final_fit.part_price=20`
     """
-    options = {"--units": ("ingest.units", units)}
+    coordinates = None if own_frames is None else "yes" if own_frames else "no"
+    options = {"--units": ("ingest.units", units), "--own-frames": ("alignment.own_frames", coordinates)}
     config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, joints, options)
     request = Request(
         dataset=DATASET,

@@ -30,6 +30,7 @@ QUALITY = (
     "recon_cm",
     "recon_percent",
     "recon_of_motion_percent",
+    "placement_percent",
     "epe_cm",
     "epe_percent",
     "epe_of_flow_percent",
@@ -40,7 +41,10 @@ QUALITY = (
     "chamfer_percent",
 )
 JOINTS_AND_COST = (
+    "oversplit",
+    "moving_joints_found",
     "axis_angle_deg",
+    "axis_angle_mean_deg",
     "axis_distance_percent",
     "ball_centre_percent",
     "joint_type_accuracy",

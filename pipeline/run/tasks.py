@@ -12,6 +12,7 @@ from typing import Any
 from pipeline.run.isolated_luigi import luigi
 from pipeline.run.plugins import own_weights
 from pipeline.run.task import Given, Job, StageTask
+from schemas.alignment import Alignment
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
@@ -19,8 +20,9 @@ from schemas.model_file import Result
 from schemas.relaxed import RelaxedModel
 from schemas.report import Report
 from schemas.robot import Robot
-from schemas.sequence import IngestedSequence
+from schemas.sequence import IngestedSequence, PointSequence
 from stages import (
+    alignment,
     canonical_frame,
     evaluation,
     export,
@@ -50,17 +52,11 @@ class IngestTask(StageTask):
         return compute_ingest(given.source, given.settings.ingest, given.rng, given.progress)
 
 
-class FlowTask(StageTask):
-    stage, version, schema = "flow", flow.VERSION, Flow
+class AlignmentTask(StageTask):
+    stage, version, schema = "alignment", alignment.VERSION, Alignment
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job)}
-
-    def function(self) -> str:
-        return self.job.config.flow.estimator
-
-    def upstream_keys(self) -> dict[str, str]:
-        return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
 
     def check(self, inputs: Inputs) -> None:
         from stages.canonical_frame.candidates import candidate_frames
@@ -68,13 +64,43 @@ class FlowTask(StageTask):
         candidate_frames(inputs["ingest"].sequence.point_counts.tolist(), self.job.config.canonical_frame)
 
     @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Alignment:
+        from stages.alignment.stage import compute_alignment
+
+        return compute_alignment(inputs["ingest"].sequence, given.settings.alignment, given.progress)
+
+
+class CommonTask(StageTask):
+    """A stage that works in common coordinates, where the object's largest body stands still."""
+
+    def requires(self) -> dict[str, StageTask]:
+        return {"ingest": IngestTask(job=self.job), "alignment": AlignmentTask(job=self.job)}
+
+
+def common_sequence(inputs: Inputs) -> PointSequence:
+    """The sequence in common coordinates, for a CommonTask."""
+    from stages.alignment.coordinates import in_common_coordinates
+
+    return in_common_coordinates(inputs["ingest"].sequence, inputs["alignment"])
+
+
+class FlowTask(CommonTask):
+    stage, version, schema = "flow", flow.VERSION, Flow
+
+    def function(self) -> str:
+        return self.job.config.flow.estimator
+
+    def upstream_keys(self) -> dict[str, str]:
+        return super().upstream_keys() | own_weights(self.job.config.flow.network.weights)
+
+    @staticmethod
     def compute(inputs: Inputs, given: Given) -> Flow:
         from stages.flow.stage import compute_flow
 
-        return compute_flow(inputs["ingest"].sequence, given.settings.flow, given.rng, given.progress)
+        return compute_flow(common_sequence(inputs), given.settings.flow, given.rng, given.progress)
 
 
-class CandidateTask(StageTask):
+class CandidateTask(CommonTask):
     """A stage that runs once for each candidate canonical frame.
 
     A candidate's frame depends on the sequence's length, which is known only after ingest. Its index among the
@@ -92,10 +118,9 @@ class RelaxedFitTask(CandidateTask):
     stage, version, schema = "relaxed_fit", relaxed_fit.VERSION, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
-        ingest = IngestTask(job=self.job)
         if self.candidate >= self.job.config.canonical_frame.fits:
-            return {"ingest": ingest, "relaxed_fit": RelaxedFitTask(job=self.job, candidate=0)}
-        return {"ingest": ingest, "flow": FlowTask(job=self.job)}
+            return super().requires() | {"relaxed_fit": RelaxedFitTask(job=self.job, candidate=0)}
+        return super().requires() | {"flow": FlowTask(job=self.job)}
 
     def function(self) -> str:
         return self.job.config.relaxed_fit.solver
@@ -106,7 +131,7 @@ class RelaxedFitTask(CandidateTask):
         from stages.relaxed_fit.carry_over import carry_over
         from stages.relaxed_fit.stage import compute_relaxed_fit
 
-        sequence = inputs["ingest"].sequence
+        sequence = common_sequence(inputs)
         frame = candidate_frame(sequence.point_counts.tolist(), **given.parameters)
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
@@ -119,14 +144,13 @@ class ProjectionTask(CandidateTask):
     stage, version, schema = "projection", projection.VERSION, KinematicModel
 
     def requires(self) -> dict[str, StageTask]:
-        relaxed = RelaxedFitTask(job=self.job, candidate=self.candidate)
-        return {"ingest": IngestTask(job=self.job), "relaxed_fit": relaxed}
+        return super().requires() | {"relaxed_fit": RelaxedFitTask(job=self.job, candidate=self.candidate)}
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
         from stages.projection.stage import compute_projection
 
-        return compute_projection(inputs["relaxed_fit"], inputs["ingest"].sequence, given.settings.projection)
+        return compute_projection(inputs["relaxed_fit"], common_sequence(inputs), given.settings.projection)
 
 
 class MergingTask(CandidateTask):
@@ -134,14 +158,13 @@ class MergingTask(CandidateTask):
     also = ("projection",)
 
     def requires(self) -> dict[str, StageTask]:
-        projection = ProjectionTask(job=self.job, candidate=self.candidate)
-        return {"ingest": IngestTask(job=self.job), "projection": projection}
+        return super().requires() | {"projection": ProjectionTask(job=self.job, candidate=self.candidate)}
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
         from stages.merging.stage import compute_merging
 
-        settings, sequence = given.settings, inputs["ingest"].sequence
+        settings, sequence = given.settings, common_sequence(inputs)
         return compute_merging(inputs["projection"], sequence, settings.merging, settings.projection)
 
 
@@ -151,40 +174,42 @@ class FinalFitTask(CandidateTask):
 
     def requires(self) -> dict[str, StageTask]:
         job = self.job
-        return {
-            "ingest": IngestTask(job=job),
+        return super().requires() | {
             "flow": FlowTask(job=job),
             "merging": MergingTask(job=job, candidate=self.candidate),
         }
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
-        from stages.final_fit.stage import compute_final_fit
+        from stages.final_fit.stage import compute_final_fit, of_own_frames
 
-        model, sequence = inputs["merging"], inputs["ingest"].sequence
+        model, sequence = inputs["merging"], common_sequence(inputs)
         settings = given.settings
+        config = settings.final_fit
+        if inputs["alignment"].own_frames:
+            config = of_own_frames(config, sequence.frame_count)
         kinds, middle_root = settings.projection.kinds, settings.projection.root == "middle"
-        return compute_final_fit(
-            model, sequence, inputs["flow"], settings.final_fit, given.rng, given.progress, kinds, middle_root
-        )
+        return compute_final_fit(model, sequence, inputs["flow"], config, given.rng, given.progress, kinds, middle_root)
 
 
-class CanonicalFrameTask(StageTask):
+class CanonicalFrameTask(CommonTask):
     stage, version, schema = "canonical_frame", canonical_frame.VERSION, CanonicalChoice
     also = ("final_fit",)
 
     def requires(self) -> dict[str, StageTask]:
         config = self.job.config.canonical_frame
         tasks = [FinalFitTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
-        return {"ingest": IngestTask(job=self.job)} | {task.label: task for task in tasks}
+        return super().requires() | {task.label: task for task in tasks}
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> CanonicalChoice:
+        from stages.alignment.coordinates import in_own_coordinates
         from stages.canonical_frame.stage import compute_canonical_frame
 
-        models = [model for name, model in inputs.items() if name != "ingest"]
-        settings, sequence = given.settings, inputs["ingest"].sequence
-        return compute_canonical_frame(models, sequence, settings.canonical_frame.by, settings.final_fit)
+        models = [model for name, model in inputs.items() if name not in ("ingest", "alignment")]
+        settings, sequence = given.settings, common_sequence(inputs)
+        choice = compute_canonical_frame(models, sequence, settings.canonical_frame.by, settings.final_fit)
+        return choice.replace(model=in_own_coordinates(choice.model, inputs["alignment"]))
 
 
 class ResultTask(StageTask):
@@ -269,6 +294,7 @@ class ReportTask(StageTask):
 
 TASKS: tuple[type[StageTask], ...] = (
     IngestTask,
+    AlignmentTask,
     FlowTask,
     RelaxedFitTask,
     ProjectionTask,

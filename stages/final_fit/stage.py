@@ -24,6 +24,7 @@ from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
 from stages.support.progress import Progress, silent
 
 STEPS = 4
+FEW_FRAMES = 6  # with coordinates of their own, in which no hidden links are told
 
 
 def compute_final_fit(
@@ -74,6 +75,15 @@ def compute_final_fit(
     progress(STEPS, STEPS)
     energies = model.energies | reconstruction_energies(fitted, sequence, flow, config)
     return fitted.replace(energies=energies | {"E_fit": fit_energy(fit, frames, part_price)})
+
+
+def of_own_frames(config: FinalFitConfig, frames: int) -> FinalFitConfig:
+    """The settings for frames that had coordinates of their own.
+
+    Registration leaves small motions of the whole, so the root is not held still. What it leaves and what is not seen
+    would be explained by hidden links where frames are few.
+    """
+    return config.model_copy(update={"still_root": 0.0, "hidden_links": config.hidden_links and frames > FEW_FRAMES})
 
 
 def fit_energy(fit: Fit, frames: Frames, part_price: float) -> float:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import networkx as nx
 import numpy as np
 from jaxtyping import Float64
 
-from schemas.flow import Flow
+from schemas.flow import Flow, FlowPair
 from schemas.sequence import PointSequence
 from stages.kernels.points.nearest import KDTree
 
@@ -42,30 +45,39 @@ def follow_flow(
     canonical_frame: int,
     neighbours: int,
 ) -> Float64[np.ndarray, "frames points 3"]:
-    """Trajectories of points of the canonical frame, by chaining the flow forwards and backwards.
+    """Trajectories of points of the canonical frame, by chaining the flow of pairs forwards and backwards.
 
-    Matches of low confidence have less weight.
+    Each frame is reached along the surest way: the minimum spanning tree over the pairs' costs. Matches of low
+    confidence have less weight. Frames that no pair reaches, and pairs without matches, leave points where they are.
     """
-    frames, pairs = sequence.frames(), flow.pairs()
-    trajectories = np.empty((len(frames), len(p_canonical), 3))
-    trajectories[canonical_frame] = p_canonical
-    for t in range(canonical_frame, len(frames) - 1):
-        source, _, motion, confidence = pairs[t]
-        here = trajectories[t]
-        if len(source) == 0:  # no matches in this pair: assume no motion
-            trajectories[t + 1] = here
+    frames = sequence.frames()
+    trajectories = np.tile(p_canonical, (len(frames), 1, 1))
+    for pair, forwards in surest_way(flow, len(frames), canonical_frame):
+        here, there = (pair.source_frame, pair.target_frame) if forwards else (pair.target_frame, pair.source_frame)
+        p = trajectories[here]
+        if len(pair.source_index) == 0:
+            trajectories[there] = p
             continue
-        tree = KDTree(frames[t][source])
-        trajectories[t + 1] = here + interpolate(tree, motion, here, neighbours, _weights(confidence))[0]
-    for t in range(canonical_frame - 1, -1, -1):
-        source, _, motion, confidence = pairs[t]
-        here = trajectories[t + 1]
-        if len(source) == 0:
-            trajectories[t] = here
-            continue
-        arrived = KDTree(frames[t][source] + motion)
-        trajectories[t] = here - interpolate(arrived, motion, here, neighbours, _weights(confidence))[0]
+        starts = frames[pair.source_frame][pair.source_index]
+        tree = KDTree(starts if forwards else starts + pair.flow)
+        motion = interpolate(tree, pair.flow, p, neighbours, _weights(pair.confidence))[0]
+        trajectories[there] = p + motion if forwards else p - motion
     return trajectories
+
+
+def surest_way(flow: Flow, frame_count: int, canonical_frame: int) -> Iterator[tuple[FlowPair, bool]]:
+    """The pairs of the minimum spanning tree over pair costs, outwards from the canonical frame.
+
+    With each comes whether it leads outwards from its source to its target. Of parallel pairs the surest counts.
+    """
+    graph = nx.Graph()
+    graph.add_nodes_from(range(frame_count))
+    for pair in sorted(flow.pairs(), key=lambda pair: -pair.cost):
+        graph.add_edge(pair.source_frame, pair.target_frame, weight=pair.cost, pair=pair)
+    tree = nx.minimum_spanning_tree(graph)
+    for here, there in nx.bfs_edges(tree, canonical_frame):
+        pair = tree.edges[here, there]["pair"]
+        yield pair, pair.source_frame == here
 
 
 def _weights(confidence: Float64[np.ndarray, "matches"]) -> Float64[np.ndarray, "matches"]:

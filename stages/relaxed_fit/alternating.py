@@ -26,6 +26,7 @@ from stages.kernels.motion.rigid_clustering import moments, rigid_motion
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points, working_points
 from stages.kernels.surfaces.surface_graph import SurfaceGraph, surface_graph
+from stages.relaxed_fit.bodies.start import Bodies, are_far_apart
 from stages.relaxed_fit.start import start_from_flow
 from stages.support.progress import Progress
 
@@ -87,7 +88,10 @@ def solve_alternating(
     rng: np.random.Generator,
     progress: Progress,
 ) -> RelaxedModel:
-    """Fit parts and motions by alternation; deterministic, `rng` is not drawn from."""
+    """Fit parts and motions by alternation; deterministic, `rng` is not drawn from.
+
+    Where frames are few or far apart, bodies that are found one by one compete with the parts that the flow led to.
+    """
     settings = config.alternating
     frames = [frame[working_points(frame, settings.points)] for frame in sequence.frames()]
     registration = Registration(frames, canonical_frame, settings.truncation)
@@ -105,6 +109,8 @@ def solve_alternating(
         history.append([problem.energy(parts)])
         progress(round_ + 1, settings.rounds, history[-1][0] / len(registration.p))
     parts = absorb_small_parts(absorb_specks(parts, problem), problem)
+    if are_far_apart(flow, len(frames), config.bodies):
+        parts = _better(parts, Bodies.of(frames, canonical_frame, config.bodies), registration.p)
     parts = refine(parts, problem, 4, settings.reach_last)
     p_all = sequence.frames()[canonical_frame]
     return RelaxedModel(
@@ -116,6 +122,15 @@ def solve_alternating(
         solver="alternating",
         iterations=settings.rounds,
     )
+
+
+def _better(parts: Parts, bodies: Bodies, p: Float64[np.ndarray, "points 3"]) -> Parts:
+    """The parts, or the bodies that are found where these explain the frames at a lower energy."""
+    found = bodies.find()
+    if found.energy > bodies.energy(p, parts.labels, parts.Ts):
+        return parts
+    start = bodies.start(found, p)
+    return Parts(start.labels, start.Ts_frame_canonical).compact()
 
 
 def refine(parts: Parts, problem: Problem, iterations: int, reach: float) -> Parts:

@@ -63,11 +63,13 @@ class ReconstructionEnergy:
         self._emd_points = farthest_points(self.p_canonical, emd_count)
         self._emd_targets = [target[farthest_points(target, emd_count)] for target in self._targets]
         self._flow_reach = FLOW_REACH * point_spacing(self.p_canonical)
-        self._flow_samples = {
-            t: (KDTree(frames[t][source]), np.column_stack([motion, confidence]))
-            for t, (source, _, motion, confidence) in enumerate(flow.pairs())
-            if len(source)
-        }
+        pairs = [pair for pair in flow.pairs() if len(pair.source_index)]
+        self._flow_sources = [pair.source_frame for pair in pairs]
+        self._flow_ends = [pair.target_frame for pair in pairs]
+        self._flow_samples = [
+            (KDTree(frames[pair.source_frame][pair.source_index]), np.column_stack([pair.flow, pair.confidence]))
+            for pair in pairs
+        ]
         self._forward: list[Int64[np.ndarray, "points"]] = []
         self._backward: list[Int64[np.ndarray, "targets"]] = []
         self._assignments: list[tuple[np.ndarray, np.ndarray]] = []
@@ -93,11 +95,7 @@ class ReconstructionEnergy:
         for slot, t in enumerate(self.others):
             self._forward.append(nearest(self._target_trees[slot], points[t])[1])
             self._backward.append(nearest(KDTree(points[t]), self._targets[slot])[1])
-        for t in range(len(points) - 1):
-            if t not in self._flow_samples:
-                self._flow_targets.append((np.zeros(points[t].shape), np.zeros(len(points[t]))))
-                continue
-            tree, values = self._flow_samples[t]
+        for t, (tree, values) in zip(self._flow_sources, self._flow_samples, strict=True):
             samples, distance = interpolate(tree, values, points[t], self.config.flow_neighbours)
             weight = np.where(distance <= self._flow_reach, samples[:, 3], 0.0)
             self._flow_targets.append((samples[:, :3], weight))
@@ -127,9 +125,11 @@ class ReconstructionEnergy:
 
     def _flow(self, predicted: Array) -> Array:
         """Mean difference between predicted and estimated flow, over points whose flow is known."""
+        if not self._flow_targets:
+            return 0.0 * predicted.sum()
         targets = _like(predicted, np.stack([target for target, _ in self._flow_targets]))
         weights = np.stack([weight for _, weight in self._flow_targets])
-        difference = _distance(predicted[1:] - predicted[:-1], targets)
+        difference = _distance(predicted[self._flow_ends] - predicted[self._flow_sources], targets)
         return (_like(predicted, weights) * difference).sum() / max(float(weights.sum()), 1e-12)
 
 

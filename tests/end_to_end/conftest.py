@@ -22,6 +22,7 @@ SETTINGS = [
     "relaxed_fit.alternating.points=100",
     "relaxed_fit.alternating.rounds=2",
     "relaxed_fit.alternating.closing_rounds=1",
+    "relaxed_fit.bodies.few_frames=0",
     "canonical_frame.candidates=1",
     "final_fit.iterations=4",
     "final_fit.points=100",

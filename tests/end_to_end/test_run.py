@@ -9,6 +9,7 @@ RUN = ("run", "--dataset", "scans", "--data", "data")
 STATUS = ("status", "--dataset", "scans", "--data", "data")
 STAGES = [
     "ingest",
+    "alignment",
     "flow",
     "relaxed_fit",
     "projection",

@@ -51,7 +51,15 @@ class TwoParts:
             columns.append((np.arange(len(warped)), target, warped - frames[t], np.ones(len(warped))))
         source, target, flow, confidence = (np.concatenate(column) for column in zip(*columns, strict=True))
         counts = np.array([len(column[0]) for column in columns], dtype=np.int64)
-        return Flow(match_counts=counts, source_index=source, target_index=target, flow=flow, confidence=confidence)
+        return Flow(
+            pair_frames=np.stack([np.arange(FRAMES - 1), np.arange(1, FRAMES)], axis=1),
+            pair_costs=np.zeros(FRAMES - 1),
+            match_counts=counts,
+            source_index=source,
+            target_index=target,
+            flow=flow,
+            confidence=confidence,
+        )
 
 
 def box_surface(rng: np.random.Generator, count: int, low: list[float], high: list[float]) -> np.ndarray:

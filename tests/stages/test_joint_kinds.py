@@ -81,6 +81,8 @@ def fit(sequence, Ts, kinds):
     projection = ProjectionConfig(joints=kinds)
     start = link_parts(sequence.frames()[CANONICAL], np.repeat([0, 1], 400), noisy, CANONICAL, projection)
     none = Flow(
+        pair_frames=np.stack([np.arange(FRAMES - 1), np.arange(1, FRAMES)], axis=1),
+        pair_costs=np.zeros(FRAMES - 1),
         match_counts=np.zeros(FRAMES - 1, dtype=np.int64),
         source_index=np.zeros(0, dtype=np.int64),
         target_index=np.zeros(0, dtype=np.int64),

@@ -122,7 +122,7 @@ def test_a_users_own_function_has_its_file_in_the_key(data, monkeypatch):
     before = labels(plan(request(data, settings))[0])
     (data / "mine.py").write_text("def flow(): return 1")
     after = labels(plan(request(data, settings))[0])
-    assert {label for label in before if before[label] == after[label]} == {"ingest"}
+    assert {label for label in before if before[label] == after[label]} == {"ingest", "alignment"}
 
 
 def test_the_truth_may_be_the_folder_that_holds_it(data):

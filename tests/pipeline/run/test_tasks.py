@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 import stages
 from pipeline.run.task import upstream_first
-from pipeline.run.tasks import STAGES, TASKS, FlowTask, IngestTask, final_tasks
+from pipeline.run.tasks import STAGES, TASKS, AlignmentTask, FlowTask, IngestTask, final_tasks
 from schemas.artifact import Schema
 from schemas.config import CanonicalFrameConfig, PipelineConfig
 from schemas.errors import InputError
@@ -106,12 +106,12 @@ def test_a_stage_is_computed_by_the_function_that_bears_its_name(stage):
     assert callable(getattr(importlib.import_module(f"stages.{stage}.stage"), f"compute_{stage}"))
 
 
-def test_a_canonical_frame_that_is_not_there_is_told_before_the_flow(tiny, samples, monkeypatch):
+def test_a_canonical_frame_that_is_not_there_is_told_before_any_work(tiny, samples, monkeypatch):
     def estimate(*args):
-        raise AssertionError("the flow is computed first")
+        raise AssertionError("frames are aligned first")
 
-    monkeypatch.setattr("stages.flow.stage.compute_flow", estimate)
+    monkeypatch.setattr("stages.alignment.stage.compute_alignment", estimate)
     monkeypatch.setattr(IngestTask, "read", lambda task: SimpleNamespace(sequence=samples["sequence"]))
     job = tiny.job(PipelineConfig(canonical_frame=CanonicalFrameConfig(frames=(1, 99))))
     with pytest.raises(InputError, match=r"canonical_frame\.frames: found 99, expected 0\.\.2"):
-        FlowTask(job=job).run()
+        AlignmentTask(job=job).run()

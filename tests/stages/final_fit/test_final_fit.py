@@ -150,6 +150,8 @@ def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
     first = int(flow.match_counts[:2].sum())
     part = slice(first, first + int(flow.match_counts[2]))
     flow = flow.replace(
+        pair_frames=np.array([[0, 1]]),
+        pair_costs=flow.pair_costs[2:3],
         match_counts=flow.match_counts[2:3],
         source_index=flow.source_index[part],
         target_index=flow.target_index[part],

@@ -18,6 +18,7 @@ def test_the_estimator_fpfh_says_where_matched_points_went(hinge):
     flow = compute_flow(hinge.sequence, FlowConfig(estimator="fpfh"), np.random.default_rng(0))
     frames = hinge.sequence.frames()
     assert flow.match_counts.sum() > 20
-    for t, (source, target, motion, confidence) in enumerate(flow.pairs()):
-        np.testing.assert_allclose(frames[t][source] + motion, frames[t + 1][target])
-        assert ((confidence >= 0) & (confidence <= 1)).all()
+    for pair in flow.pairs():
+        source, target = frames[pair.source_frame], frames[pair.target_frame]
+        np.testing.assert_allclose(source[pair.source_index] + pair.flow, target[pair.target_index])
+        assert ((pair.confidence >= 0) & (pair.confidence <= 1)).all()

@@ -6,7 +6,9 @@ from schemas.errors import InputError
 from stages.flow.pair import mutual_matches
 from stages.flow.stage import compute_flow
 
-CONFIG = FlowConfig.model_validate({"geometric": {"points": 400, "nodes": 80, "iterations": 6}})
+CONFIG = FlowConfig.model_validate(
+    {"estimator": "geometric", "geometric": {"points": 400, "nodes": 80, "iterations": 6}}
+)
 RNG = np.random.default_rng(0)
 
 
@@ -14,8 +16,8 @@ def error_of(flow, two_parts):
     """Mean distance between estimated and true flow at the matched points."""
     truth = two_parts.true_flow()
     errors = []
-    for (source, _, motion, _), (_, _, true_motion, _) in zip(flow.pairs(), truth.pairs(), strict=True):
-        errors.append(np.linalg.norm(motion - true_motion[source], axis=1))
+    for pair, true in zip(flow.pairs(), truth.pairs(), strict=True):
+        errors.append(np.linalg.norm(pair.flow - true.flow[pair.source_index], axis=1))
     return np.concatenate(errors).mean()
 
 
@@ -28,10 +30,10 @@ def test_recovers_the_motion_of_a_known_object(two_part_object):
 
 def test_matches_are_one_to_one_and_confidence_is_a_share(hinge):
     flow = compute_flow(hinge.sequence, CONFIG, RNG)
-    for source, target, _, confidence in flow.pairs():
-        assert len(np.unique(source)) == len(source)
-        assert len(np.unique(target)) == len(target)
-        assert ((confidence > 0) & (confidence <= 1)).all()
+    for pair in flow.pairs():
+        assert len(np.unique(pair.source_index)) == len(pair.source_index)
+        assert len(np.unique(pair.target_index)) == len(pair.target_index)
+        assert ((pair.confidence > 0) & (pair.confidence <= 1)).all()
 
 
 def test_mutual_matches_keep_only_mutual_and_near_pairs():

@@ -55,8 +55,8 @@ def test_earth_mover_distance_equals_the_best_of_all_permutations(hinge):
 def test_flow_term_equals_its_naive_twin(hinge, energy, predicted):
     terms = energy(predicted, 0)
     frames, total, count = hinge.sequence.frames(), 0.0, 0.0
-    for t, (source, _, motion, confidence) in enumerate(hinge.true_flow().pairs()):
-        p_source = frames[t][source]
+    for t, pair in enumerate(hinge.true_flow().pairs()):
+        p_source, motion, confidence = frames[t][pair.source_index], pair.flow, pair.confidence
         for x, y in zip(predicted[t], predicted[t + 1], strict=True):
             distance = np.linalg.norm(p_source - x, axis=1)
             near = np.argsort(distance)[:3]

@@ -1,0 +1,3 @@
+"""Alignment of frames that have coordinates of their own."""
+
+VERSION = 1
