@@ -379,9 +379,10 @@ class ProjectionConfig(Settings):
     contact: float = Field(
         default=CONTACT, ge=0, description="parts as near as so many point spacings touch: no E_spatial"
     )
-    root: Literal["still", "middle"] = common(
+    root: Literal["still", "middle", "ground"] = common(
         default="still",
-        description="the part that stands still, or the one in the middle of the body, as suits people and animals",
+        description="the part that stands still, the one in the middle of the body, as suits people and animals, or "
+        "the largest that reaches the ground (z is up), as in upright scans with coordinates of their own",
     )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"

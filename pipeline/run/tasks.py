@@ -13,6 +13,7 @@ from pipeline.run.isolated_luigi import luigi
 from pipeline.run.plugins import own_weights
 from pipeline.run.task import Given, Job, StageTask
 from schemas.alignment import Alignment
+from schemas.config import ProjectionConfig
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
@@ -84,6 +85,17 @@ def common_sequence(inputs: Inputs) -> PointSequence:
     return in_common_coordinates(inputs["ingest"].sequence, inputs["alignment"])
 
 
+def projection_settings(inputs: Inputs, given: Given) -> ProjectionConfig:
+    """The settings of projection. In upright scans of their own coordinates, what stands on the ground is the root.
+
+    There nothing is known to stand still.
+    """
+    config = given.settings.projection
+    alignment = inputs["alignment"]
+    on_ground = alignment.own_frames and alignment.upright and config.root == "still"
+    return config.model_copy(update={"root": "ground"}) if on_ground else config
+
+
 class FlowTask(CommonTask):
     stage, version, schema = "flow", flow.VERSION, Flow
 
@@ -150,7 +162,7 @@ class ProjectionTask(CandidateTask):
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
         from stages.projection.stage import compute_projection
 
-        return compute_projection(inputs["relaxed_fit"], common_sequence(inputs), given.settings.projection)
+        return compute_projection(inputs["relaxed_fit"], common_sequence(inputs), projection_settings(inputs, given))
 
 
 class MergingTask(CandidateTask):
@@ -165,7 +177,7 @@ class MergingTask(CandidateTask):
         from stages.merging.stage import compute_merging
 
         settings, sequence = given.settings, common_sequence(inputs)
-        return compute_merging(inputs["projection"], sequence, settings.merging, settings.projection)
+        return compute_merging(inputs["projection"], sequence, settings.merging, projection_settings(inputs, given))
 
 
 class FinalFitTask(CandidateTask):
