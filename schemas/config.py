@@ -102,6 +102,18 @@ class RegistrationConfig(Settings):
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently")
 
 
+class MeshConfig(Settings):
+    """How frames that are meshes become points."""
+
+    take: Literal["surface", "vertices"] = common(
+        default="surface", description="of a mesh: points drawn from its surface by area, or its vertices"
+    )
+    points: int = common(
+        default=20_000, ge=32, le=10_000_000, description="points that are drawn from the surface of each mesh"
+    )
+    max_mib: float = Field(default=256.0, gt=0, le=65536, description="a mesh file that is larger is refused")
+
+
 class IngestConfig(Settings):
     """The source of the frames and how they are read."""
 
@@ -118,6 +130,7 @@ class IngestConfig(Settings):
         default=False,
         description="point i of a file's frames is the same surface point in all: sample each anew, and measure by it",
     )
+    mesh: MeshConfig = MeshConfig()
     roboart: RoboartConfig = RoboartConfig()
     humans: HumansConfig = HumansConfig()
     registrations: RegistrationConfig = RegistrationConfig()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 from pydantic import Field, FiniteFloat, model_validator
 
 from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
@@ -35,6 +35,9 @@ class PointSequence(Artifact):
     point_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count"), Within(1, MOST_POINTS)]
     dropped_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count"), Within(0, MOST_POINTS)] = Field(
         description="points of each input frame that were dropped: NaN, infinite, or a large number at one place"
+    )
+    colours: Annotated[UInt8[np.ndarray, "all_points 3"] | None, Unit("sRGB")] = Field(
+        default=None, description="red, green and blue of each point, if the scans have colours"
     )
     scale: float = Field(
         gt=0, allow_inf_nan=False, description="input units per normalised unit: the object's diagonal"

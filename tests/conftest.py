@@ -189,6 +189,7 @@ def robot() -> Robot:
 
 SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
+    "coloured_sequence": lambda: point_sequence().replace(colours=np.arange(36, dtype=np.uint8).reshape(12, 3)),
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),
     "ingested_surface": lambda: IngestedSequence(sequence=point_sequence(), surface=true_surface()),

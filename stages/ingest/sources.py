@@ -17,6 +17,7 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
+from stages.ingest.formats.mesh_pieces import MeshSampling
 from stages.ingest.listing import is_file, is_folder, safe_name, visible_entries
 from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
@@ -77,11 +78,14 @@ class FileSource:
             from stages.ingest.corresponding import read_corresponding
 
             return read_corresponding(self.frames_path, self.truth_path, config, rng)
+        sampling = None
+        if config.mesh.take == "surface":
+            sampling = MeshSampling(config.mesh.points, rng, config.mesh.max_mib)
         if self.truth_path is None:
-            frames = read_frames(self.frames_path, config.every, config.max_points)
+            frames = read_frames(self.frames_path, config.every, config.max_points, sampling)
             _hint_at_every(len(frames))
             return IngestedSequence(sequence=normalise(frames, config, config.units))
-        frames = read_frames(self.frames_path, 1, config.max_points)  # all frames, since the truth is for all
+        frames = read_frames(self.frames_path, 1, config.max_points, sampling)  # all, since the truth is for all
         kept = _every(frames, config.every)
         _hint_at_every(len(kept))
         sequence = normalise(kept, config, config.units)

@@ -77,7 +77,8 @@ def check_truth(truth: RawTruth, point_counts: Sequence[int], where: str) -> Non
     if [len(labels) for labels in truth.labels] != list(point_counts):
         raise InputError(
             f"{where}: labels: found {sum(map(len, truth.labels))} in {len(truth.labels)} frames, expected one "
-            f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points"
+            f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points, "
+            "or take a mesh's vertices where they are its labels (ingest.mesh.take=vertices)"
         )
     for labels in truth.labels:
         if labels.size and (labels.min() < 0 or labels.max() >= parts):
@@ -153,7 +154,8 @@ def _read_npz(path: Path, point_counts: Sequence[int]) -> RawTruth:
     if labels.ndim not in (1, 2) or labels.size != sum(point_counts):
         raise InputError(
             f"{path}: found labels of shape {labels.shape}, expected one for each of the {sum(point_counts)} points "
-            f"of {len(point_counts)} frames; give the labels of these very points"
+            f"of {len(point_counts)} frames; give the labels of these very points, "
+            "or take a mesh's vertices where they are its labels (ingest.mesh.take=vertices)"
         )
     if Ts.ndim != 4 or Ts.shape[1] == 0:
         raise InputError(f"{path}: found poses of shape {Ts.shape}, expected (frames, parts, 4, 4); correct them")

@@ -7,7 +7,7 @@ from pipeline.results.pose_files import TARGET_COLUMNS, pose_files, read_states,
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelPart
 from schemas.pose import Pose
-from stages.ingest.point_formats import read_points
+from stages.ingest.point_formats import read_cloud
 
 HEADER = ",".join(TARGET_COLUMNS) + "\n"
 MODEL = ModelFile(
@@ -126,7 +126,7 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
     states, T_read = read_states(written(tmp_path, "pose.json", files["pose.json"]), MODEL)
     assert states == pose.states
     np.testing.assert_array_equal(T_read, T)
-    np.testing.assert_allclose(read_points(written(tmp_path, "posed.ply", files["posed.ply"])), TARGET, rtol=1e-6)
+    np.testing.assert_allclose(read_cloud(written(tmp_path, "posed.ply", files["posed.ply"])).points, TARGET, rtol=1e-6)
 
 
 def test_posed_points_far_away_keep_their_digits(tmp_path):
@@ -135,7 +135,7 @@ def test_posed_points_far_away_keep_their_digits(tmp_path):
     for points, kind in ((p, b"double"), (p - p.mean(axis=0), b"float")):
         ply = pose_files(pose, points, np.zeros(500, dtype=np.int64))["posed.ply"]
         assert b"property " + kind + b" x\n" in ply
-        read = read_points(written(tmp_path, "posed.ply", ply))
+        read = read_cloud(written(tmp_path, "posed.ply", ply)).points
         np.testing.assert_allclose(read, points, rtol=0, atol=1e-4 if kind == b"float" else 0)
 
 
