@@ -30,12 +30,11 @@ def compute_evaluation(
 
     Lengths come out in the input's units and in % of the object's diagonal; `rng` draws the points that
     the reanimation metric is given. Without ground truth only the Chamfer distance and the counts are known; where
-    only the true surface is, also the errors of the motion.
+    only the true surface is, also the errors of the motion. Points of no true part count for the Chamfer distance only.
     """
     sequence, truth = ingested.sequence, ingested.truth
     frames = sequence.frames()
-    p_canonical = frames[model.canonical_frame]
-    p_predicted = move_points(model.Ts_frame_canonical[:, model.labels], p_canonical)
+    p_predicted = move_points(model.Ts_frame_canonical[:, model.labels], frames[model.canonical_frame])
     metrics = Metrics(
         units=sequence.units,
         diagonal=sequence.scale,
@@ -43,13 +42,21 @@ def compute_evaluation(
         parts_found=model.part_count,
         chamfer_percent=100 * chamfer_distance(p_predicted, frames),
     )
+    of_object = [ingested.of_object(t) for t in range(len(frames))]
+    canonical = of_object[model.canonical_frame]
+    if not canonical.any():
+        return metrics
     if (p_true := true_positions(ingested, model.canonical_frame)) is not None:
-        errors = motion_errors(p_predicted, p_true, model.canonical_frame, sequence)
+        errors = motion_errors(p_predicted[:, canonical], p_true, model.canonical_frame, sequence)
         metrics = metrics.replace(**errors.figures(sequence.scale))
     if truth is None:
         return metrics
-    labels_of_frames = sequence.by_frame(truth.labels)
-    labels_true = labels_of_frames[model.canonical_frame]
+    model = model.replace(labels=model.labels[canonical])
+    frames = [frame[points] for frame, points in zip(frames, of_object, strict=True)]
+    labels_of_frames = [
+        labels[points] for labels, points in zip(sequence.by_frame(truth.labels), of_object, strict=True)
+    ]
+    p_canonical, labels_true = frames[model.canonical_frame], labels_of_frames[model.canonical_frame]
     Ts_true = since_canonical(truth.Ts_frame_first, truth, model.canonical_frame)
     reanimation = reanimation_error(model, truth, labels_true, p_canonical, config.reanimation_iterations, rng)
     joints = joint_errors(model, truth, labels_true)

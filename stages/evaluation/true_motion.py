@@ -38,17 +38,19 @@ class MotionErrors:
 
 
 def true_positions(ingested: IngestedSequence, canonical_frame: int) -> Float64[np.ndarray, "frames points 3"] | None:
-    """Where the canonical frame's points truly lie in every frame: on the surface, or with their parts.
+    """Where the canonical frame's points of true parts lie in every frame: on the surface, or with their parts.
 
     None where the source tells neither.
     """
-    if ingested.surface is not None:
-        return ingested.on_surface(canonical_frame)
+    of_object = ingested.of_object(canonical_frame)
+    if (p_surface := ingested.on_surface(canonical_frame)) is not None:
+        return p_surface[:, of_object]
     labels_true = ingested.true_labels(canonical_frame)
     if ingested.truth is None or labels_true is None:
         return None
     Ts_true = since_canonical(ingested.truth.Ts_frame_first, ingested.truth, canonical_frame)
-    return move_points(Ts_true[:, labels_true], ingested.sequence.frames()[canonical_frame])
+    p_canonical = ingested.sequence.frames()[canonical_frame]
+    return move_points(Ts_true[:, labels_true[of_object]], p_canonical[of_object])
 
 
 def since_canonical(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, npy_header, points_shape
@@ -44,10 +45,14 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class Frame:
-    """One point cloud as read: its file's name, its points, including NaN and infinity, and their colours if known."""
+    """One point cloud as read: its file's name, its points, including NaN and infinity, and where cameras stood.
+
+    All in the input's coordinates and units. Unknown viewpoints and colours are None.
+    """
 
     name: str
     points: Points
+    viewpoints: Float64[np.ndarray, "cameras 3"] | None = None
     colours: Colours | None = None
 
 
@@ -145,7 +150,7 @@ def _read_folder(folder: Path, every: int, max_points: int, sampling: MeshSampli
         except TooLargeError as error:
             raise too_large(file, error, max_points) from error
         left -= len(cloud.points)
-        frames.append(Frame(file.name, cloud.points, cloud.colours))
+        frames.append(Frame(file.name, cloud.points, colours=cloud.colours))
     return frames
 
 

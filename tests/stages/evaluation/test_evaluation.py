@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
-from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
+from schemas.sequence import NO_PART, GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
 from stages.evaluation.stage import chamfer_distance, compute_evaluation, joint_errors, line_distance
 from stages.evaluation.summary import figures_of
 
@@ -318,6 +318,36 @@ def test_merged_parts_cost_recon_and_reanimation_and_lose_their_joint() -> None:
     assert metrics.recon_percent > 0.3
     assert metrics.reanimation_percent > 0.5
     assert metrics.ari < 0.8
+
+
+def with_strays(data: IngestedSequence) -> IngestedSequence:
+    """The same with points of no part at the end of every frame."""
+    rng = np.random.default_rng(8)
+    frames = [np.concatenate([p, rng.uniform(-1, 1, (30, 3))]) for p in data.sequence.frames()]
+    labels = [np.concatenate([own, np.full(30, NO_PART)]) for own in data.sequence.by_frame(data.truth.labels)]
+    sequence = data.sequence.replace(
+        points=np.concatenate(frames), point_counts=np.array([len(frame) for frame in frames])
+    )
+    return IngestedSequence(sequence=sequence, truth=data.truth.replace(labels=np.concatenate(labels)))
+
+
+def test_points_of_no_part_change_no_metric_but_the_chamfer_distance() -> None:
+    data = ingested()
+    model = true_model(data)
+    model = model.replace(Ts_frame_canonical=model.Ts_frame_canonical @ shifted(0.01))
+    stray = with_strays(data)
+    labels = np.concatenate([model.labels, np.arange(30) % 4])
+    clean, metrics = measured(model, data), measured(model.replace(labels=labels), stray)
+    assert metrics.chamfer_percent > clean.chamfer_percent
+    assert metrics.replace(chamfer_percent=clean.chamfer_percent) == clean
+
+
+def test_where_no_point_belongs_to_a_part_only_the_chamfer_distance_is_known() -> None:
+    data = ingested()
+    strays = with_truth(data, labels=np.full_like(data.truth.labels, NO_PART))
+    metrics = measured(true_model(data), strays)
+    assert metrics.chamfer_percent == measured(true_model(data), data).chamfer_percent
+    assert (metrics.ari, metrics.recon, metrics.parts_true) == (None, None, None)
 
 
 def test_reanimation_depends_on_nothing_but_the_seed() -> None:
