@@ -15,6 +15,7 @@ from stages.ingest.formats.meshes import MESH_SUFFIXES, read_mesh
 from stages.ingest.formats.npz_frames import read_one_cloud
 from stages.ingest.formats.pcd import read_pcd
 from stages.ingest.formats.ply import read_ply
+from stages.ingest.formats.scanners import read_e57, read_las
 from stages.ingest.formats.tables import read_table
 from stages.ingest.messages import TooLargeError, one_line, out_of_memory, unreadable
 
@@ -24,6 +25,9 @@ _READERS: dict[str, Callable[[Path, int], Cloud]] = {
     ".xyz": read_table,
     ".xyzrgb": read_table,
     ".npy": read_npy,
+    ".e57": read_e57,
+    ".las": read_las,
+    ".laz": read_las,
     ".pts": read_table,
     ".asc": read_table,
     ".csv": read_table,

@@ -38,7 +38,7 @@ _OF_POINTS = re.compile(  # names of files with other values of a cloud's points
 )
 _LOOKED_INTO = 50  # sub-folders to look into if a folder holds no frames
 _EXPECTED = (
-    "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts, .npy, .obj, .stl or .glb frames, "
+    "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts, .npy, .obj, .stl, .glb, .e57 or .las frames, "
     "or one .npy or .npz of shape (frames, points, 3)"
 )
 
@@ -139,7 +139,7 @@ def _read_folder(folder: Path, every: int, max_points: int, sampling: MeshSampli
             f"{folder}: found frames of the kinds {' and '.join(kinds)}, expected one kind, "
             "since their order is unclear; move the others away"
         )
-    _check_frame_count(folder, len(files), every)
+    check_frame_count(folder, len(files), every)
     organised = _are_organised(files)
     _report(folder, files, organised)
     frames, left = [], max_points
@@ -252,7 +252,7 @@ def _read_stack(path: Path, every: int, max_points: int) -> list[Frame]:
         if suffix == ".npy":
             return [Frame(name, points) for name, points in _npy_frames(path, every, max_points)]
         frames = find_frames(path)
-        _check_frame_count(path, frames.count, every)
+        check_frame_count(path, frames.count, every)
         if frames.doubt:
             _log.warning("%s: %s", path, frames.doubt)
         return [Frame(name, points) for name, points in read_npz_frames(path, frames, every, max_points)]
@@ -283,13 +283,14 @@ def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points
             f"{path}: found an array of shape {stack.shape} of {stack.dtype}, expected (frames, points, 3) "
             f"of real numbers; {remedy}"
         )
-    _check_frame_count(path, shape[0], every)
+    check_frame_count(path, shape[0], every)
     check_count(shape[1] * len(range(0, shape[0], every)), most)
     for index in range(0, shape[0], every):
         yield f"{path.name}[{index}]", as_points(np.asarray(stack[index]))
 
 
-def _check_frame_count(path: Path, count: int, every: int) -> None:
+def check_frame_count(path: Path, count: int, every: int) -> None:
+    """Raise InputError for fewer than two frames, and for `every` that leaves only one."""
     if count < 2:
         found = "1 frame" if count else "no frame"
         raise InputError(f"{path}: found {found}, expected at least 2 of one moving object; add frames")

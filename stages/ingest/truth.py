@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from pydantic import BaseModel, Field, ValidationError
 
 from schemas.artifact import GREATEST
@@ -40,6 +40,10 @@ class RawTruth:
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = ()
     own_coordinates: bool = False
+
+    def only(self, kept: Sequence[Bool[np.ndarray, "points"]]) -> RawTruth:
+        """The truth of some of the points of each frame."""
+        return replace(self, labels=[labels[mask] for labels, mask in zip(self.labels, kept, strict=True)])
 
     def every(self, step: int) -> RawTruth:
         """The truth of every `step`-th frame, from the first on."""

@@ -8,6 +8,7 @@ from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelPart
 from schemas.pose import Pose
 from stages.ingest.point_formats import read_cloud
+from stages.kernels.labelling.colours import distinct_colours
 
 HEADER = ",".join(TARGET_COLUMNS) + "\n"
 MODEL = ModelFile(
@@ -127,6 +128,16 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
     assert states == pose.states
     np.testing.assert_array_equal(T_read, T)
     np.testing.assert_allclose(read_cloud(written(tmp_path, "posed.ply", files["posed.ply"])).points, TARGET, rtol=1e-6)
+
+
+def test_the_points_have_the_colours_of_the_scan_or_else_of_their_parts(tmp_path):
+    pose = Pose(model_digest=MODEL.digest, units="metre", states={}, T_pose_root=STILL)
+    colours = np.array([[1, 2, 3], [250, 0, 9]], dtype=np.uint8)
+    by_scan = pose_files(pose, TARGET, np.array([0, 1]), colours)["posed.ply"]
+    by_part = pose_files(pose, TARGET, np.array([0, 1]))["posed.ply"]
+    assert np.array_equal(read_cloud(written(tmp_path, "a.ply", by_scan)).colours, colours)
+    expected = (255 * distinct_colours(2)).round()
+    assert np.array_equal(read_cloud(written(tmp_path, "b.ply", by_part)).colours, expected)
 
 
 def test_posed_points_far_away_keep_their_digits(tmp_path):
