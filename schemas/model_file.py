@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import AbstractDtype, Float64, Int64
+from jaxtyping import AbstractDtype, Float64, Int64, UInt8
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
@@ -118,6 +118,8 @@ class ModelJoint(Schema):
 class ModelFile(Schema):
     """The content of model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
 
+    Where the scans have colours, it also holds `colours` of the canonical points.
+
     In version 2 canonical_points are 64-bit floats, because 32-bit floats cannot separate nearby points far from the
     origin. Files of earlier releases have no digests. Whoever edits a file by hand must remove its digest.
     """
@@ -179,6 +181,9 @@ class Result(Artifact):
     canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]
     labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
     T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input"), Rigid()]
+    colours: Annotated[UInt8[np.ndarray, "points 3"] | None, Unit("sRGB")] = Field(
+        default=None, description="red, green and blue of canonical_points, if the scans have colours"
+    )
 
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:

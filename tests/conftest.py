@@ -191,6 +191,7 @@ def robot() -> Robot:
 
 SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
+    "coloured_sequence": lambda: point_sequence().replace(colours=np.arange(36, dtype=np.uint8).reshape(12, 3)),
     "seen_sequence": lambda: point_sequence().replace(viewpoints=np.random.default_rng(5).normal(size=(FRAMES, 2, 3))),
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),

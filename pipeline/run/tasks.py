@@ -253,9 +253,8 @@ class ExportTask(StageTask):
     def compute(inputs: Inputs, given: Given) -> Robot:
         from stages.export.stage import compute_export
 
-        sequence = inputs["ingest"].sequence
-        frames = [sequence.to_input(frame) for frame in sequence.frames()]
-        return compute_export(inputs["result"], frames, given.settings.export, given.source.name)
+        frames, colours = inputs["ingest"].sequence.in_input()
+        return compute_export(inputs["result"], frames, given.settings.export, given.source.name, colours)
 
     @staticmethod
     def files(output: Robot, inputs: Inputs, given: Given) -> dict[str, bytes]:

@@ -47,6 +47,7 @@ def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
         canonical_points=p_canonical.astype(np.float32) if single else p_canonical,
         labels=model.labels,
         T_frame_canonical=space.motions_to_input(model.Ts_frame_canonical),
+        colours=None if sequence.colours is None else sequence.by_frame(sequence.colours)[model.canonical_frame],
     )
 
 

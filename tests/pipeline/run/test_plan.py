@@ -96,7 +96,7 @@ def test_an_input_that_cannot_be_read_is_reported_and_stops_no_other(data, monke
             raise InputError("box: cannot be read")
         return "digest"
 
-    monkeypatch.setattr("stages.ingest.sources.FileSource.digest", unreadable)
+    monkeypatch.setattr("stages.ingest.file_source.FileSource.digest", unreadable)
     events = []
     assert [job.source.name for job in plan(request(data), events.append)] == ["lamp"]
     [event] = events
@@ -107,7 +107,7 @@ def test_what_this_machine_lacks_fails_only_where_it_was_asked_for(data, monkeyp
     def unavailable(source):
         raise UnavailableError(f"{source.name}: install its package")
 
-    monkeypatch.setattr("stages.ingest.sources.FileSource.digest", unavailable)
+    monkeypatch.setattr("stages.ingest.file_source.FileSource.digest", unavailable)
     events = []
     assert plan(request(data), events.append) == []
     assert {(event.kind, event.bad_input) for event in events} == {("warning", False)}
