@@ -109,8 +109,8 @@ def build(description: Description, condition: Condition, pairs: int, points: in
     config = RoboartConfig(points=points, novel_states=0, frames=frames)
     paths = description.urdf_path, description.mesh_dirs
     if condition.step_degrees is None:
-        return posed(*build_from_urdf(*paths, config, rng), frame_order(condition, frames, rng)[: pairs + 1])
-    p, truth = build_from_urdf(*paths, config, rng, stepping(np.radians(condition.step_degrees)))
+        return posed(*build_from_urdf(*paths, config, rng)[:2], frame_order(condition, frames, rng)[: pairs + 1])
+    p, truth, _ = build_from_urdf(*paths, config, rng, stepping(np.radians(condition.step_degrees)))
     return posed(p, truth, np.arange(frames))
 
 

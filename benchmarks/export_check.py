@@ -42,7 +42,7 @@ from schemas.config import IngestConfig, PipelineConfig
 from schemas.errors import InputError
 from schemas.manifest import Manifest
 from schemas.model_file import ModelJoint, Result
-from schemas.sequence import IngestedSequence
+from schemas.sequence import NO_PART, IngestedSequence
 from stages.export.stage import WRITERS, compute_export
 from stages.ingest.sources import list_sources
 from stages.kernels.motion.rigid_motion import move_points
@@ -208,7 +208,10 @@ def prepare(artifact: Path, anew: bool, assets: Path | None) -> tuple[Exported, 
 def dense(manifest: Manifest, assets: Path, ingested: IngestedSequence) -> IngestedSequence:
     """The same robot in the same motion, sampled densely and without a sensor's faults."""
     config = IngestConfig.model_validate(manifest.config["ingest"])
-    perfect = config.roboart.model_copy(update={"points": TRUE_POINTS, "noise_percent": 0.0, "viewpoints": 0})
+    depth = config.roboart.depth.model_copy(update={"cameras": 0})
+    perfect = config.roboart.model_copy(
+        update={"points": TRUE_POINTS, "noise_percent": 0.0, "viewpoints": 0, "depth": depth}
+    )
     [source] = [source for source in list_sources(config, assets) if source.name == manifest.sequence]
     seed = [manifest.seed, zlib.crc32(canonical_json(["ingest", {}]).encode())]  # as the task's own
     again = source.load(config.model_copy(update={"roboart": perfect}), np.random.default_rng(seed))
@@ -225,8 +228,9 @@ def true_surface(ingested: IngestedSequence, canonical_frame: int) -> Float64[np
     labels = sequence.by_frame(truth.labels)
     clouds = []
     for frame, own, Ts in zip(sequence.frames(), labels, truth.Ts_frame_first, strict=True):
-        Ts_back = (truth.Ts_frame_first[canonical_frame] @ np.linalg.inv(Ts))[own]
-        clouds.append(move_points(Ts_back, frame))
+        of_object = own != NO_PART
+        Ts_back = (truth.Ts_frame_first[canonical_frame] @ np.linalg.inv(Ts))[own[of_object]]
+        clouds.append(move_points(Ts_back, frame[of_object]))
     return sequence.to_input(np.concatenate(clouds))
 
 

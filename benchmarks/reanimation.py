@@ -178,6 +178,8 @@ def true_model(ingested: IngestedSequence, canonical_frame: int) -> KinematicMod
         raise InputError("ground truth: found none with a joint for every part but the root, expected that")
     if any(joint.kind.size != 1 for joint in truth.joints) or np.count_nonzero(truth.parent < 0) != 1:
         raise InputError("ground truth: found spherical joints or several roots, expected one tree of other joints")
+    if not ingested.of_object(canonical_frame).all():
+        raise InputError("ground truth: found points of no part, expected a part for every point")
     T_canonical_first = truth.Ts_frame_first[canonical_frame]
     parent = np.array([joint.parent for joint in truth.joints], dtype=np.int64)
     R, t = T_canonical_first[parent, :3, :3], T_canonical_first[parent, :3, 3]

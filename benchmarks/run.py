@@ -133,7 +133,7 @@ def command(chosen: BenchmarkSet, workdir: Path, workers: int, data: Path | None
 
 def run(name: str, chosen: BenchmarkSet, workdir: Path, workers: int, data: Path | None) -> Record:
     """Run a set through `reart run`. Raises InputError where that evaluates nothing."""
-    if chosen.assets and data is None and (chosen.dataset == "urdf" or not os.environ.get("REART_ASSETS")):
+    if chosen.assets and data is None and (chosen.dataset.startswith("urdf") or not os.environ.get("REART_ASSETS")):
         raise InputError(f"set {name!r}: needs a folder of descriptions, NAME/NAME.urdf; give --assets FOLDER")
     started, clock = datetime.now(UTC), time.perf_counter()
     reart = [sys.executable, "-c", "from pipeline.cli import app; app()"]

@@ -33,6 +33,49 @@ def _checked(config: _SampledConfig) -> _SampledConfig:
     return config
 
 
+class DepthConfig(Settings):
+    """Pinhole depth cameras that look at the object."""
+
+    cameras: int = Field(
+        default=0, ge=0, le=100, description="depth cameras; 0: points are sampled, not seen as pixels"
+    )
+    width: int = Field(default=640, ge=8, le=2000, description="pixels in a row of an image")
+    height: int = Field(default=480, ge=8, le=2000, description="rows of an image")
+    field_of_view_degrees: float = Field(default=60.0, ge=1, le=150, description="horizontal field of view")
+    distance: float = Field(
+        default=1.5, ge=0.6, le=100, description="between a camera and the object's centre, in diagonals"
+    )
+    quantisation_percent: float = Field(
+        default=0.1,
+        ge=0,
+        le=10,
+        description="step of the depth at the object's distance, in % of the diagonal; steps grow with its square, as "
+        "those of a disparity do; 0: none",
+    )
+    flying_share: float = Field(
+        default=0.1, ge=0, le=1, description="share of the pixels at depth edges that show a point in the air behind"
+    )
+    grazing_degrees: float = Field(
+        default=80.0, gt=0, le=90, description="a surface turned farther from the camera than this returns nothing"
+    )
+
+
+class ArtefactsConfig(Settings):
+    """What else is wrong with scans, in each frame anew."""
+
+    outlier_share: float = Field(
+        default=0.0, ge=0, le=0.9, description="share of the points that lie anywhere in and around the object's box"
+    )
+    table_size: float = Field(
+        default=0.0, ge=0, le=10, description="diameter in diagonals of a round piece of the table below; 0: none"
+    )
+    density_spread: float = Field(
+        default=0.0, ge=0, le=3, description="standard deviation of the logarithm of the density; 0: an even one"
+    )
+    holes: int = Field(default=0, ge=0, le=1000, description="round patches without points")
+    hole_radius: float = Field(default=0.06, gt=0, le=1, description="greatest radius of a hole, in diagonals")
+
+
 class RoboartConfig(Settings):
     """How sequences are built from robot descriptions."""
 
@@ -45,6 +88,11 @@ class RoboartConfig(Settings):
     sweep_degrees: DegreeRange = Field(
         default=(40.0, 90.0), description="least and greatest total motion of a joint over the sequence"
     )
+    motion: Literal["sweep", "states"] = Field(
+        default="sweep",
+        description="joints move steadily, or stand in every frame at a state of its own, drawn over their whole range",
+    )
+    shuffled: bool = Field(default=False, description="the frames are in random order")
     min_part_share: float = Field(
         default=0.013, ge=0, lt=1, description="links with a smaller share of the surface join their parent"
     )
@@ -52,7 +100,8 @@ class RoboartConfig(Settings):
         default=0.0,
         ge=0,
         le=100,
-        description="standard deviation of the noise on each coordinate, in % of the diagonal",
+        description="standard deviation of the noise on each coordinate, in % of the diagonal; of depth cameras "
+        "that of the depth at the object's distance, which grows with its square",
     )
     viewpoints: int = Field(
         default=0,
@@ -60,7 +109,19 @@ class RoboartConfig(Settings):
         le=1000,
         description="sample only what is visible from so many viewpoints; 0 samples the whole surface",
     )
+    moving_viewpoints: bool = Field(
+        default=False,
+        description="viewpoints or depth cameras are placed anew for each frame, rather than standing still",
+    )
+    known_viewpoints: bool = Field(default=False, description="the sequence tells where they are")
+    depth: DepthConfig = DepthConfig()
+    artefacts: ArtefactsConfig = ArtefactsConfig()
     free_base: bool = Field(default=False, description="the base moves too, rather than standing still")
+    coordinates: Literal["shared", "upright", "any"] = Field(
+        default="shared",
+        description="those of all frames, or each frame's own: upright ones turned by any angle about the vertical, "
+        "tilted a little and shifted, any ones turned about any axis and shifted",
+    )
     max_mesh_mib: float = Field(
         default=64.0, gt=0, le=65536, description="a mesh file that is larger, or unfolds to more, is refused"
     )
@@ -68,6 +129,12 @@ class RoboartConfig(Settings):
     @model_validator(mode="after")
     def _check_points(self) -> Self:
         return _checked(self)
+
+    @model_validator(mode="after")
+    def _check_sensor(self) -> Self:
+        if self.viewpoints and self.depth.cameras:
+            raise ValueError("expected either viewpoints or depth.cameras")
+        return self
 
 
 class HumansConfig(Settings):

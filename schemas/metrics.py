@@ -21,6 +21,10 @@ class JointMetrics(Schema):
     state_error: float | None = Field(
         default=None, description="mean |state error|, radians (revolute) or % of the diagonal (prismatic)"
     )
+    travel_spacings: float | None = Field(
+        default=None,
+        description="longest way of the child's points between two frames by this joint alone, in spacings",
+    )
     confidence: float | None = Field(default=None, description="the least of the predicted joint's confidences")
 
 
@@ -42,7 +46,8 @@ class Metrics(Artifact):
     canonical_frame: int
     parts_found: int
     chamfer_percent: float = Field(description="mean both-sided distance between model and frames")
-    parts_true: int | None = None
+    parts_true: int | None = Field(default=None, description="true parts that are seen")
+    unseen_parts: tuple[str, ...] = Field(default=(), description="true parts that no frame shows; they do not count")
     ari: float | None = None
     ri: float | None = None
     told_share: float | None = Field(
@@ -56,6 +61,10 @@ class Metrics(Artifact):
     recon_percent: float | None = None
     recon_of_motion_percent: float | None = Field(
         default=None, description="recon in % of the points' mean true motion from the canonical frame"
+    )
+    placement_percent: float | None = Field(
+        default=None,
+        description="recon in each frame's own coordinates, with the motion of the whole; None where they share them",
     )
     epe: float | None = None
     epe_percent: float | None = None

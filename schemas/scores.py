@@ -38,6 +38,9 @@ class Figures(Schema):
     parts_off: Annotated[float | None, Measure("parts off", decimals=1, better="lower")] = Field(
         default=None, description="|found - true|"
     )
+    oversplit: Annotated[float | None, Measure("> 2 x parts", decimals=2, better="lower")] = Field(
+        default=None, description="share of the sequences with more than twice the true number of parts"
+    )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
     told_share: Annotated[float | None, Measure("told")] = Field(
         default=None, description="share of observable points, whose part the motion determines"
@@ -51,6 +54,9 @@ class Figures(Schema):
     recon_percent: Annotated[float | None, Measure("recon", "%", better="lower")] = None
     recon_of_motion_percent: Annotated[float | None, Measure("recon / motion", "%", 2, "lower")] = Field(
         default=None, description="% of the mean true motion from the canonical frame"
+    )
+    placement_percent: Annotated[float | None, Measure("placement", "%", better="lower")] = Field(
+        default=None, description="recon with the motion of the whole, where each frame has coordinates of its own"
     )
     epe_cm: Annotated[float | None, Measure("EPE", "cm", better="lower")] = None
     epe_percent: Annotated[float | None, Measure("EPE", "%", better="lower")] = None
@@ -66,8 +72,14 @@ class Figures(Schema):
         default=None, description="true joints that a predicted joint was matched to"
     )
     joints_true: Annotated[float | None, Measure("true joints", decimals=1)] = None
+    moving_joints_found: Annotated[float | None, Measure("moving found", better="higher")] = Field(
+        default=None, description="share of the true joints with a way of more than three spacings that were matched"
+    )
     axis_angle_deg: Annotated[float | None, Measure("axis angle", "deg", 2, "lower")] = Field(
         default=None, description="median over the matched joints"
+    )
+    axis_angle_mean_deg: Annotated[float | None, Measure("mean axis angle", "deg", 2, "lower")] = Field(
+        default=None, description="mean over the matched joints"
     )
     axis_distance_percent: Annotated[float | None, Measure("axis dist.", "%", 2, "lower")] = Field(
         default=None, description="median over the matched revolute joints, % of the diagonal"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from pydantic import Field, FiniteFloat, model_validator
 
 from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
@@ -21,6 +21,7 @@ LENGTH_SYMBOLS: dict[LengthUnit, str] = {
 }
 METRES: dict[LengthUnit, float] = {"metre": 1.0, "centimetre": 0.01, "millimetre": 0.001}
 MOST_POINTS = 2**40  # in one frame
+NO_PART = -1  # true label of a point that belongs to no part: a stray one, or one of the table below the object
 
 
 class PointSequence(Artifact):
@@ -44,6 +45,10 @@ class PointSequence(Artifact):
     )
     units: LengthUnit = Field(description="the input's unit of length")
     frame_names: tuple[str, ...] = Field(description="where each frame came from, for messages")
+    viewpoints: Annotated[Float64[np.ndarray, "frames cameras 3"] | None, Unit("normalised")] = Field(
+        default=None,
+        description="positions of the cameras that saw each frame, in that frame's coordinates; None: unknown",
+    )
 
     @model_validator(mode="after")
     def _check_counts(self) -> Self:
@@ -98,10 +103,11 @@ class TrueJoint(Schema):
 class GroundTruth(Artifact):
     """True parts, motions and tree of a sequence.
 
-    `parent[p]` is -1 for the root. If the tree is unknown, it is -1 for every part.
+    The label of a point that belongs to no part is `NO_PART`: no metric counts it. `parent[p]` is -1 for the root. If
+    the tree is unknown, it is -1 for every part.
     """
 
-    labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index"), Within(0, "parts")]
+    labels: Annotated[Int64[np.ndarray, "all_points"], Unit("index"), Within(NO_PART, "parts")]
     Ts_frame_first: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("normalised"), Rigid(0.01)] = Field(
         description="maps a point of part p from its position in frame 0 to that in frame t"
     )
@@ -111,6 +117,9 @@ class GroundTruth(Artifact):
     parent: Annotated[Int64[np.ndarray, "parts"], Unit("index"), Within(-1, "parts")]
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = Field(description="empty if the source does not define them")
+    own_coordinates: bool = Field(
+        default=False, description="each frame has coordinates of its own: the motion of the whole is not the object's"
+    )
 
     @model_validator(mode="after")
     def _check_tree(self) -> Self:
@@ -151,10 +160,17 @@ class IngestedSequence(Artifact):
     surface: TrueSurface | None = None
 
     def true_labels(self, frame: int) -> Int64[np.ndarray, "points"] | None:
-        """The true part of each point of a frame, or None without ground truth."""
+        """The true part of each point of a frame (`NO_PART` for none), or None without ground truth."""
         if self.truth is None:
             return None
         return self.sequence.by_frame(self.truth.labels)[frame]
+
+    def of_object(self, frame: int) -> Bool[np.ndarray, "points"]:
+        """Which points of a frame belong to a true part; all, where the parts are not known."""
+        labels = self.true_labels(frame)
+        if labels is None:
+            return np.ones(self.sequence.point_counts[frame], dtype=bool)
+        return labels != NO_PART
 
     def on_surface(self, frame: int) -> Float64[np.ndarray, "frames points 3"] | None:
         """True positions in every frame of the points of one frame, from the surface; None without a surface.

@@ -189,6 +189,7 @@ def robot() -> Robot:
 
 SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
+    "seen_sequence": lambda: point_sequence().replace(viewpoints=np.random.default_rng(5).normal(size=(FRAMES, 2, 3))),
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),
     "ingested_surface": lambda: IngestedSequence(sequence=point_sequence(), surface=true_surface()),

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 
 from pipeline.cli.display import RunDisplay
-from pipeline.configuration.presets import BODIES, DATASETS, load_config
+from pipeline.configuration.presets import DATASETS, dataset_presets, load_config
 from pipeline.run import launch
 from pipeline.run.failures import AGAIN
 from pipeline.run.protocol import Request
@@ -87,13 +87,9 @@ def dataset_config(
     options: Mapping[str, tuple[str, Any]] | None = None,
 ) -> PipelineConfig:
     """Load the configuration for a data set. Further `options` are as in `load_config`. Raises InputError."""
-    if dataset not in DATASETS:
-        raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
-    source = dataset.partition("-")[0]
-    bodies = "bodies" if dataset in BODIES else None
-    presets = dict.fromkeys(name for name in (source, bodies, dataset, preset) if name is not None)
+    presets = [*dataset_presets(dataset), *([] if preset is None else [preset])]
     shared = {"--seed": ("seed", seed), "--joints": ("projection.joints", names(joints))}
-    return load_config(list(presets), settings, shared | dict(options or {}))
+    return load_config(presets, settings, shared | dict(options or {}))
 
 
 def names(listed: str | None) -> tuple[str, ...] | None:

@@ -18,13 +18,13 @@ from schemas.errors import Fault, InputError
 
 FOLDER = Path(__file__).parent / "presets"
 TRAINING_FOLDER = FOLDER / "train_flow"
-# presets that define the source of sequences; others, such as roboart-noisy, refine one of them
+# presets that define a source of sequences, and presets of how sequences are made from descriptions
+BUILT = ("roboart", "urdf")
+CONDITIONS = ("noisy", "partial", "free", "states", "phone", "depth", "shuffled", "turned", "rough")
+# roboart-noisy is the data set of the presets roboart and noisy
 DATASETS = (
-    "roboart",
-    "roboart-noisy",
-    "roboart-partial",
-    "roboart-free",
-    "urdf",
+    *BUILT,
+    *(f"{source}-{condition}" for source in BUILT for condition in CONDITIONS),
     "sapien",
     "scans",
     "humans",
@@ -36,6 +36,14 @@ LONGEST_SHOWN = 100  # characters of a value that cannot be used
 
 AnySchema = TypeVar("AnySchema", bound=Schema)
 Options = Mapping[str, tuple[str, Any]]  # option of the command line -> (its setting, its value)
+
+
+def dataset_presets(dataset: str) -> list[str]:
+    """The presets that make a data set, from the general to the special. Raises InputError for an unknown one."""
+    if dataset not in DATASETS:
+        raise InputError(f"--dataset: found {dataset!r}, expected one of {', '.join(DATASETS)}")
+    source, _, condition = dataset.partition("-")
+    return [source, *(["bodies"] if dataset in BODIES else []), *([condition] if condition else [])]
 
 
 def load_config(

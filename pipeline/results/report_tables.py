@@ -22,6 +22,7 @@ from schemas.scores import (
 Score = SequenceScore | GroupScore
 
 QUALITY = (
+    "oversplit",
     "ari",
     "told_share",
     "ari_told",
@@ -30,6 +31,7 @@ QUALITY = (
     "recon_cm",
     "recon_percent",
     "recon_of_motion_percent",
+    "placement_percent",
     "epe_cm",
     "epe_percent",
     "epe_of_flow_percent",
@@ -40,7 +42,9 @@ QUALITY = (
     "chamfer_percent",
 )
 JOINTS_AND_COST = (
+    "moving_joints_found",
     "axis_angle_deg",
+    "axis_angle_mean_deg",
     "axis_distance_percent",
     "ball_centre_percent",
     "joint_type_accuracy",

@@ -12,8 +12,16 @@ from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
 from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
 from stages.evaluation.identifiability import observable_points
+from stages.evaluation.seen import seen_parts, trees_of_seen
+from stages.evaluation.travel import joint_travels
 from stages.evaluation.tree_edit_distance import unordered_tree_edit_distance
-from stages.evaluation.true_motion import motion_errors, since_canonical, true_positions
+from stages.evaluation.true_motion import (
+    in_shared_coordinates,
+    motion_errors,
+    placed,
+    since_canonical,
+    true_positions,
+)
 from stages.kernels.labelling.matching import match_parts
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import working_points
@@ -30,12 +38,13 @@ def compute_evaluation(
 
     Lengths come out in the input's units and in % of the object's diagonal; `rng` draws the points that
     the reanimation metric is given. Without ground truth only the Chamfer distance and the counts are known; where
-    only the true surface is, also the errors of the motion.
+    only the true surface is, also the errors of the motion. Points of no true part count for the Chamfer distance only.
+    True parts that no frame shows are not counted. Where each frame has coordinates of its own, errors of motion are
+    measured after the rigid motion of the whole that is best in each frame.
     """
     sequence, truth = ingested.sequence, ingested.truth
     frames = sequence.frames()
-    p_canonical = frames[model.canonical_frame]
-    p_predicted = move_points(model.Ts_frame_canonical[:, model.labels], p_canonical)
+    p_predicted = move_points(model.Ts_frame_canonical[:, model.labels], frames[model.canonical_frame])
     metrics = Metrics(
         units=sequence.units,
         diagonal=sequence.scale,
@@ -43,16 +52,39 @@ def compute_evaluation(
         parts_found=model.part_count,
         chamfer_percent=100 * chamfer_distance(p_predicted, frames),
     )
+    of_object = [ingested.of_object(t) for t in range(len(frames))]
+    canonical = of_object[model.canonical_frame]
+    if not canonical.any():
+        return metrics
     if (p_true := true_positions(ingested, model.canonical_frame)) is not None:
+        p_predicted = p_predicted[:, canonical]
+        if truth is not None and truth.own_coordinates:
+            placement = 100 * float(np.linalg.norm(p_predicted - p_true, axis=-1).mean())
+            metrics = metrics.replace(placement_percent=placement)
+            p_predicted, p_true = in_shared_coordinates(p_predicted, p_true, truth, model.canonical_frame)
         errors = motion_errors(p_predicted, p_true, model.canonical_frame, sequence)
         metrics = metrics.replace(**errors.figures(sequence.scale))
     if truth is None:
         return metrics
-    labels_of_frames = sequence.by_frame(truth.labels)
-    labels_true = labels_of_frames[model.canonical_frame]
+    model = model.replace(labels=model.labels[canonical])
+    frames = [frame[points] for frame, points in zip(frames, of_object, strict=True)]
+    labels_of_frames = [
+        labels[points] for labels, points in zip(sequence.by_frame(truth.labels), of_object, strict=True)
+    ]
+    p_canonical, labels_true = frames[model.canonical_frame], labels_of_frames[model.canonical_frame]
     Ts_true = since_canonical(truth.Ts_frame_first, truth, model.canonical_frame)
     reanimation = reanimation_error(model, truth, labels_true, p_canonical, config.reanimation_iterations, rng)
-    joints = joint_errors(model, truth, labels_true)
+    seen = seen_parts(labels_of_frames, len(truth.parent))
+    joints = tuple(
+        joint.model_copy(update={"travel_spacings": travel})
+        for joint, travel, true in zip(
+            joint_errors(model, truth, labels_true),
+            joint_travels(truth, frames, labels_of_frames),
+            truth.joints,
+            strict=True,
+        )
+        if seen[true.parent] and seen[true.child]
+    )
     type_right = [joint.predicted_type == joint.true_type for joint in joints if joint.predicted_type is not None]
     looked_at = [working_points(frame, config.told_points) for frame in frames]
     observable = observable_points(
@@ -63,13 +95,14 @@ def compute_evaluation(
     )
     observed = looked_at[model.canonical_frame][observable]
     return metrics.replace(
-        parts_true=len(truth.parent),
+        parts_true=int(seen.sum()),
+        unseen_parts=tuple(truth.part_names[part] for part in np.flatnonzero(~seen)),
         ari=float(adjusted_rand_score(labels_true, model.labels)),
         ri=float(rand_score(labels_true, model.labels)),
         told_share=float(observable.mean()),
         ari_told=float(adjusted_rand_score(labels_true[observed], model.labels[observed])) if len(observed) else None,
         untold_parts=_unobservable_parts(truth, labels_true[looked_at[model.canonical_frame]], observable),
-        tree_edit_distance=_tree_edit_distance(model, truth),
+        tree_edit_distance=_tree_edit_distance(model, truth, seen),
         reanimation=None if reanimation is None else reanimation * sequence.scale,
         reanimation_percent=None if reanimation is None else 100 * reanimation,
         joint_type_accuracy=float(np.mean(type_right)) if type_right else None,
@@ -125,16 +158,21 @@ def reanimation_distances(
     given: Int64[np.ndarray, "given"],
     iterations: int,
 ) -> Float64[np.ndarray, "states points"]:
-    """How far each point is from its true place in the unseen states, when the places of some of them are given."""
+    """How far each point is from its true place in the unseen states, when the places of some of them are given.
+
+    Where each frame has coordinates of its own, the best rigid motion of the whole comes first.
+    """
     p_true = move_points(
         since_canonical(truth.Ts_novel_first, truth, model.canonical_frame)[:, labels_true], p_canonical
     )
-    mechanism = Mechanism.without_limits(chain_of(model, root_moves(model.Ts_frame_canonical[:, model.root])))
+    free_root = truth.own_coordinates or root_moves(model.Ts_frame_canonical[:, model.root])
+    mechanism = Mechanism.without_limits(chain_of(model, free_root))
     found = [rearticulate(mechanism, p_canonical[given], model.labels[given], p[given], iterations) for p in p_true]
     Ts_novel_canonical = np.stack([pose.Ts_pose_canonical for pose in found])
-    distances: np.ndarray = np.linalg.norm(
-        move_points(Ts_novel_canonical[:, model.labels], p_canonical) - p_true, axis=-1
-    )
+    p_found = move_points(Ts_novel_canonical[:, model.labels], p_canonical)
+    if truth.own_coordinates:
+        p_found = placed(p_found, p_true)
+    distances: np.ndarray = np.linalg.norm(p_found - p_true, axis=-1)
     return distances
 
 
@@ -245,8 +283,8 @@ def line_distance(
     return float(abs(between @ normal) / sine)
 
 
-def _tree_edit_distance(model: KinematicModel, truth: GroundTruth) -> int | None:
-    """None where the source does not tell the tree: then not exactly one part is a root."""
+def _tree_edit_distance(model: KinematicModel, truth: GroundTruth, seen: Bool[np.ndarray, "parts"]) -> int | None:
+    """The least over the trees of what is seen. None where the source does not tell the tree, with exactly one root."""
     if np.count_nonzero(truth.parent == -1) != 1:
         return None
-    return unordered_tree_edit_distance(model.parents(), truth.parent)
+    return min(unordered_tree_edit_distance(model.parents(), tree) for tree in trees_of_seen(truth.parent, seen))

@@ -10,6 +10,8 @@ from schemas.metrics import JointMetrics, Metrics
 from schemas.scores import MEASURES, Figures, SequenceScore, StageCost
 from schemas.sequence import METRES
 
+MOVING = 3.0  # point spacings; a true joint with a longer way can be told from one that stands still
+
 
 def figures_of(metrics: Metrics, costs: Mapping[str, StageCost]) -> Figures:
     """The figures of one sequence; lengths in centimetres only where the input's unit is known."""
@@ -20,6 +22,7 @@ def figures_of(metrics: Metrics, costs: Mapping[str, StageCost]) -> Figures:
     memory = [cost.peak_memory_mib for cost in costs.values() if cost.peak_memory_mib is not None]
     counted = {
         "parts_off": None if metrics.parts_true is None else abs(metrics.parts_found - metrics.parts_true),
+        "oversplit": None if metrics.parts_true is None else float(metrics.parts_found > 2 * metrics.parts_true),
         "joints_found": sum(joint.predicted_type is not None for joint in metrics.joints) if metrics.joints else None,
         "joints_true": len(metrics.joints) or None,
         "seconds": sum(cost.seconds for cost in costs.values()) if costs else None,
@@ -51,10 +54,13 @@ def mean_costs(scores: Sequence[SequenceScore]) -> dict[str, StageCost]:
     return means
 
 
-def _joint_figures(joints: Iterable[JointMetrics]) -> dict[str, float | None]:
+def _joint_figures(joints: Sequence[JointMetrics]) -> dict[str, float | None]:
     matched = [joint for joint in joints if joint.predicted_type is not None]
+    moving = [joint for joint in joints if joint.travel_spacings is not None and joint.travel_spacings > MOVING]
     return {
+        "moving_joints_found": _mean(float(joint.predicted_type is not None) for joint in moving),
         "axis_angle_deg": _median(joint.axis_angle_deg for joint in matched),
+        "axis_angle_mean_deg": _mean(joint.axis_angle_deg for joint in matched),
         "axis_distance_percent": _median(joint.axis_distance_percent for joint in matched),
         "ball_centre_percent": _mean(joint.ball_centre_percent for joint in matched),
         "joint_type_accuracy": _mean(float(joint.predicted_type == joint.true_type) for joint in matched),

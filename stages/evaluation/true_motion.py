@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from schemas.sequence import METRES, GroundTruth, IngestedSequence, LengthUnit, PointSequence
-from stages.kernels.motion.rigid_motion import move_points
+from stages.kernels.motion.rigid_motion import best_motion, inverse, move_points
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,19 @@ class MotionErrors:
 
 
 def true_positions(ingested: IngestedSequence, canonical_frame: int) -> Float64[np.ndarray, "frames points 3"] | None:
-    """Where the canonical frame's points truly lie in every frame: on the surface, or with their parts.
+    """Where the canonical frame's points of true parts lie in every frame: on the surface, or with their parts.
 
     None where the source tells neither.
     """
-    if ingested.surface is not None:
-        return ingested.on_surface(canonical_frame)
+    of_object = ingested.of_object(canonical_frame)
+    if (p_surface := ingested.on_surface(canonical_frame)) is not None:
+        return p_surface[:, of_object]
     labels_true = ingested.true_labels(canonical_frame)
     if ingested.truth is None or labels_true is None:
         return None
     Ts_true = since_canonical(ingested.truth.Ts_frame_first, ingested.truth, canonical_frame)
-    return move_points(Ts_true[:, labels_true], ingested.sequence.frames()[canonical_frame])
+    p_canonical = ingested.sequence.frames()[canonical_frame]
+    return move_points(Ts_true[:, labels_true[of_object]], p_canonical[of_object])
 
 
 def since_canonical(
@@ -56,6 +58,31 @@ def since_canonical(
 ) -> Float64[np.ndarray, "frames parts 4 4"]:
     """True motions from where the parts are in the canonical frame, given motions from frame 0."""
     return Ts_first @ np.linalg.inv(truth.Ts_frame_first[canonical_frame])
+
+
+def in_shared_coordinates(
+    p_predicted: Float64[np.ndarray, "frames points 3"],
+    p_true: Float64[np.ndarray, "frames points 3"],
+    truth: GroundTruth,
+    canonical_frame: int,
+) -> tuple[Float64[np.ndarray, "frames points 3"], Float64[np.ndarray, "frames points 3"]]:
+    """Predicted and true positions without the motion of the whole, where each frame has coordinates of its own.
+
+    Both are brought to the coordinates in which the true root stands still, so that the flow between frames has a
+    meaning. There the prediction takes the rigid motion that is best over all points, in each frame.
+    """
+    root = int(np.flatnonzero(truth.parent < 0)[0])
+    Ts_frame_root = since_canonical(truth.Ts_frame_first, truth, canonical_frame)[:, root]
+    home = inverse(Ts_frame_root)[:, None]
+    p_predicted, p_true = move_points(home, p_predicted), move_points(home, p_true)
+    return placed(p_predicted, p_true), p_true
+
+
+def placed(
+    p_predicted: Float64[np.ndarray, "frames points 3"], p_true: Float64[np.ndarray, "frames points 3"]
+) -> Float64[np.ndarray, "frames points 3"]:
+    """The predicted positions after the best rigid motion to the true ones, in each frame."""
+    return move_points(best_motion(p_predicted, p_true)[:, None], p_predicted)
 
 
 def motion_errors(

@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int64
 
 from stages.kernels.alignment.registration import group_means, normal_equations, robust_weight, turn_about
 from stages.kernels.labelling.graph_cut import best_switches
-from stages.kernels.motion.rigid_motion import best_rotation, move_points
+from stages.kernels.motion.rigid_motion import best_motion, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points, normals
 
@@ -114,7 +114,7 @@ def suggested_motions(
     rigid = (np.abs(sides - image_sides) < LENGTH_CHANGE * spacing) & (sides > LEAST_SIDE * spacing)
     chosen = np.argsort(~rigid.all(axis=-1), axis=1, kind="stable")[:, :SCREENED]
     valid = np.take_along_axis(rigid.all(axis=-1), chosen, axis=1)
-    Ts = _kabsch(corners[row[..., 0], chosen], images[row[..., 0], chosen])
+    Ts = best_motion(corners[row[..., 0], chosen], images[row[..., 0], chosen])
     moved = move_points(Ts[:, :, None], a[:, None])
     off = np.linalg.norm(moved - b[:, None], axis=-1) / spacing
     score = np.where(valid, (1 - np.minimum(off / MATCH_REACH, 1)).sum(axis=-1), -1.0)
@@ -131,18 +131,6 @@ def suggested_motions(
 
 def _sides(corners: Float64[np.ndarray, "*batch 3 3"]) -> Float64[np.ndarray, "*batch 3"]:
     return np.linalg.norm(corners - np.roll(corners, 1, axis=-2), axis=-1)
-
-
-def _kabsch(
-    a: Float64[np.ndarray, "*batch points 3"], b: Float64[np.ndarray, "*batch points 3"]
-) -> Float64[np.ndarray, "*batch 4 4"]:
-    """The rigid motions that align points a to b with the least squared error."""
-    centre_a, centre_b = a.mean(axis=-2, keepdims=True), b.mean(axis=-2, keepdims=True)
-    Ts = np.zeros((*a.shape[:-2], 4, 4))
-    Ts[..., :3, :3] = R = best_rotation(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
-    Ts[..., :3, 3] = (centre_b - centre_a @ np.swapaxes(R, -1, -2))[..., 0, :]
-    Ts[..., 3, 3] = 1.0
-    return Ts
 
 
 def _distinct(

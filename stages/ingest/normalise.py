@@ -34,8 +34,10 @@ def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) 
     The scale is the median diagonal of the frames' bounding boxes. The centre is the median of the boxes' centres. So a
     stray point in a few frames changes neither. One warning counts the dropped points, another one reports lost digits.
 
-    Raises InputError, naming the frame, for too few valid points, for points that are all equal, for coordinates that
-    overflow, and for sizes that only mixed units explain.
+    Viewpoints are kept where all frames have some.
+
+    Raises InputError, naming the frame, for viewpoints in differing numbers, for too few valid points, for points that
+    are all equal, for coordinates that overflow, and for sizes that only mixed units explain.
     """
     kept = [frame.points[kept_points(frame)] for frame in frames]
     for frame, points in zip(frames, kept, strict=True):
@@ -58,7 +60,25 @@ def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) 
         centre=tuple(centre.tolist()),
         units=units,
         frame_names=tuple(frame.name for frame in frames),
+        viewpoints=_viewpoints(frames, centre, scale),
     )
+
+
+def _viewpoints(
+    frames: Sequence[Frame], centre: Float64[np.ndarray, "3"], scale: float
+) -> Float64[np.ndarray, "frames cameras 3"] | None:
+    """The normalised viewpoints, or None unless all frames have some. Raises InputError for differing numbers."""
+    known = [(frame, frame.viewpoints) for frame in frames if frame.viewpoints is not None]
+    if len(known) < len(frames):
+        return None
+    first = len(known[0][1])
+    for frame, p_viewpoints in known:
+        if len(p_viewpoints) != first:
+            raise InputError(
+                f"{frame.name}: found {len(p_viewpoints)} viewpoints, but {first} in {known[0][0].name}; "
+                "expected equally many in all frames, or none"
+            )
+    return (np.stack([p_viewpoints for _, p_viewpoints in known]) - centre) / scale
 
 
 def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSequence) -> GroundTruth:
@@ -86,6 +106,7 @@ def normalise_truth(truth: RawTruth, frames: Sequence[Frame], sequence: PointSeq
         parent=truth.parent,
         part_names=truth.part_names,
         joints=tuple(_normalise_joint(joint, sequence) for joint in truth.joints),
+        own_coordinates=truth.own_coordinates,
     )
 
 

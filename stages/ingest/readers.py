@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, npy_header, points_shape
@@ -42,10 +43,14 @@ _EXPECTED = (
 
 @dataclass(frozen=True)
 class Frame:
-    """One point cloud as read: its file's name, and its points, including NaN and infinity."""
+    """One point cloud as read: its file's name, its points, including NaN and infinity, and where cameras stood.
+
+    All in the input's coordinates and units. Unknown viewpoints are None.
+    """
 
     name: str
     points: Points
+    viewpoints: Float64[np.ndarray, "cameras 3"] | None = None
 
 
 def read_frames(path: Path, every: int = 1, max_points: int = sys.maxsize) -> list[Frame]:

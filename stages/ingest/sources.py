@@ -119,8 +119,11 @@ class DescribedSource(ABC):
         # their number
         own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.thing.encode()), self.variant])
         found = self.description()
-        points, truth = build_from_urdf(found.urdf_path, found.mesh_dirs, config.roboart, own_rng)
-        frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
+        points, truth, viewpoints = build_from_urdf(found.urdf_path, found.mesh_dirs, config.roboart, own_rng)
+        frames = [
+            Frame(f"{self.name}[{index}]", of_frame, None if viewpoints is None else viewpoints[index])
+            for index, of_frame in enumerate(points)
+        ]
         kept = _every(frames, config.every)
         sequence = normalise(kept, config, "metre")
         return IngestedSequence(sequence=sequence, truth=normalise_truth(truth.every(config.every), kept, sequence))

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from schemas.artifact import GREATEST
 from schemas.errors import InputError, first_fault
-from schemas.sequence import TrueJoint
+from schemas.sequence import NO_PART, TrueJoint
 from stages.ingest.formats.arrays import load_npz
 from stages.ingest.listing import is_file, is_folder
 from stages.ingest.messages import unreadable
@@ -27,8 +27,10 @@ _OTHER_NUMBERS = 100_000_000  # most numbers in the transforms of a file
 class RawTruth:
     """True parts, motions and tree of a sequence, in input coordinates and units.
 
-    `labels[t]` belongs to the points of frame t as read. `parent[p]` is -1 for the root, and -1 for every part if the
-    tree is unknown. Axes, points and states of `joints` are in input units.
+    `labels[t]` belongs to the points of frame t as read; `NO_PART` is that of points of no part. `parent[p]` is -1 for
+    the root, and -1 for every part if the tree is unknown. Axes, points and states of `joints` are in input units.
+    `own_coordinates` says that each frame has coordinates of its own, so that the motion of the whole is not the
+    object's.
     """
 
     labels: list[Int64[np.ndarray, "points"]]
@@ -37,6 +39,7 @@ class RawTruth:
     parent: Int64[np.ndarray, "parts"]
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = ()
+    own_coordinates: bool = False
 
     def every(self, step: int) -> RawTruth:
         """The truth of every `step`-th frame, from the first on."""
@@ -58,8 +61,8 @@ def read_truth(path: Path, point_counts: Sequence[int]) -> RawTruth:
 
     The .npz holds `labels` (frames, points), or (all points,) frame after frame; `poses` (frames, parts, 4, 4) from
     frame 0 to frame t; and optionally `novel_poses` (states, parts, 4, 4). A .json of the same name may add `root`,
-    `edges_child_parent` [[child, parent], ...], `links` {part: [names]} and `joints`, whose entries are `TrueJoint` in
-    input units.
+    `edges_child_parent` [[child, parent], ...], `links` {part: [names]}, `own_coordinates`, and `joints`, whose entries
+    are `TrueJoint` in input units.
 
     In a folder of pickles, state_K.pkl holds the labels, and pose_K.pkl and novel_pose_J.pkl hold the transforms from
     the first frame by part. They do not define a tree.
@@ -80,10 +83,10 @@ def check_truth(truth: RawTruth, point_counts: Sequence[int], where: str) -> Non
             f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points"
         )
     for labels in truth.labels:
-        if labels.size and (labels.min() < 0 or labels.max() >= parts):
+        if labels.size and (labels.min() < NO_PART or labels.max() >= parts):
             raise InputError(
-                f"{where}: labels: found values in {labels.min()}..{labels.max()}, expected 0..{parts - 1}; "
-                "number the parts as in the transforms"
+                f"{where}: labels: found values in {labels.min()}..{labels.max()}, expected 0..{parts - 1}, "
+                f"or {NO_PART} for points of no part; number the parts as in the transforms"
             )
     _check_transforms(truth.Ts_frame_first, (frames, parts), f"{where}: poses")
     states = truth.Ts_novel_first.shape[0] if truth.Ts_novel_first.ndim else 0
@@ -143,6 +146,7 @@ class _TreeFile(BaseModel):
     edges_child_parent: list[tuple[_Part, _Part]]
     links: dict[int, list[str]] = Field(default_factory=dict)
     joints: tuple[TrueJoint, ...] = ()
+    own_coordinates: bool = False
 
 
 def _read_npz(path: Path, point_counts: Sequence[int]) -> RawTruth:
@@ -169,6 +173,7 @@ def _read_npz(path: Path, point_counts: Sequence[int]) -> RawTruth:
         parent=_parents(tree, parts, str(path.with_suffix(".json"))),
         part_names=tuple(_part_name(tree, part) for part in range(parts)),
         joints=tree.joints if tree else (),
+        own_coordinates=tree.own_coordinates if tree else False,
     )
 
 

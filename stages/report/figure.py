@@ -52,7 +52,7 @@ def draw(result: Result, ingested: IngestedSequence | None = None) -> Figure:
         sequence = ingested.sequence
         frames = sequence.frames()
         inputs = [sequence.to_input(frames[t]) for t in sorted({0, canonical, len(frames) - 1})]
-        if ingested.truth is not None:
+        if ingested.truth is not None and ingested.of_object(canonical).any():
             models.append(_true(ingested, ingested.truth, result, chosen))
     p_canonical, p_frames = models[0].p_frames[canonical], models[0].p_frames
     low, high = p_frames.min(axis=(0, 1)), p_frames.max(axis=(0, 1))
@@ -107,6 +107,8 @@ def _true(
     sequence, canonical = ingested.sequence, result.model.canonical_frame
     labels_true = ingested.true_labels(canonical)
     assert labels_true is not None
+    of_object = ingested.of_object(canonical)
+    shown = chosen[of_object[chosen]]
     p_frames = true_positions(ingested, canonical)
     assert p_frames is not None
     types = {(joint.parent, joint.child): joint.kind.mark for joint in truth.joints}
@@ -121,8 +123,8 @@ def _true(
     return Model(
         name="true ",
         colours=colours_of_true_parts(result.labels, labels_true, len(truth.parent)),
-        labels=labels_true[chosen],
-        p_frames=sequence.to_input(p_frames[:, chosen]),
+        labels=labels_true[shown],
+        p_frames=sequence.to_input(p_frames[:, np.cumsum(of_object)[shown] - 1]),
         root=int(roots[0]) if len(roots) == 1 else None,  # several roots mean that the tree is unknown
         links=[(parent, child, types.get((parent, child), "")) for parent, child in linked],
         axes=axes,

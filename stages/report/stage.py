@@ -38,6 +38,7 @@ VIEWER = (  # the script's files in viewer/, in their order
     "navigation.js",
     "start.js",
 )
+NO_PART_COLOUR = (0.5, 0.5, 0.5)
 MODES = {"points": "Points", "meshes": "Meshes", "true": "True parts"}
 
 
@@ -76,7 +77,8 @@ def report_page(
     model = result.model
     colours = None
     if labels_true is not None:
-        colours = colours_of_true_parts(result.labels, labels_true, int(labels_true.max()) + 1)[labels_true]
+        of_parts = colours_of_true_parts(result.labels, labels_true, int(labels_true.max()) + 1)
+        colours = np.concatenate([of_parts, [NO_PART_COLOUR]])[labels_true]  # the last is that of NO_PART
     script = _script(VIEWER)
     there = {"points": True, "meshes": robot is not None, "true": labels_true is not None}
     return Template(_resource("page.html")).substitute(

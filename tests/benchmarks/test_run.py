@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.configuration.presets import load_config
+from pipeline.configuration.presets import dataset_presets, load_config
 from pipeline.store import artifacts
 from schemas.errors import InputError
 from schemas.manifest import Provenance
@@ -45,7 +45,7 @@ def record(benchmark):
 @pytest.mark.parametrize("path", sorted((SCRIPT.parent / "sets").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_set_can_be_read_and_its_settings_exist(benchmark, path):
     chosen = benchmark.read_set(path.stem)
-    load_config([chosen.dataset, *([chosen.preset] if chosen.preset else [])], chosen.settings)
+    load_config([*dataset_presets(chosen.dataset), *([chosen.preset] if chosen.preset else [])], chosen.settings)
     assert chosen.description
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from schemas.config import RoboartConfig
 from schemas.joints import FIXED, PRISMATIC, REVOLUTE, JointKind
 from stages.ingest.roboart.urdf import Robot
+from stages.kernels.motion.rigid_motion import from_parts
 
 # joints with a smaller range are held, since their motion could not be observed
 LEAST_RANGE = {FIXED: np.inf, REVOLUTE: np.radians(5.0), PRISMATIC: 1e-3}
@@ -25,6 +26,9 @@ NOVEL_MARGIN = 0.25
 BASE_TURN_DEGREES = (20.0, 40.0)
 BASE_SHIFT = (0.1, 0.25)
 BASE_BEND = 0.5
+# frames with coordinates of their own: greatest tilt, and greatest shift along each axis in diagonals
+OWN_TILT_DEGREES = 5.0
+OWN_SHIFT = 1.0
 # search for a motion without penetration: draws of all joints, then redraws of one joint at a time
 WHOLE_DRAWS = 6
 SINGLE_REDRAWS = 40
@@ -95,6 +99,11 @@ def draw_sweep(
     return path + rng.uniform(lower - path.min(), upper - path.max())
 
 
+def draw_state(limits: Float64[np.ndarray, "2"], rng: np.random.Generator) -> Float64[np.ndarray, "1"]:
+    """Draw one position of a joint anywhere within its limits."""
+    return rng.uniform(limits[0], limits[1], size=1)
+
+
 def draw_unseen(
     limits: Float64[np.ndarray, "2"], swept: Float64[np.ndarray, "frames"], rng: np.random.Generator
 ) -> Float64[np.ndarray, "1"]:
@@ -119,6 +128,24 @@ def draw_base_motion(
     Ts[:, :3, :3] = Rotation.from_rotvec(curve(np.radians(rng.uniform(*BASE_TURN_DEGREES)))).as_matrix()
     Ts[:, :3, 3] = curve(diagonal * rng.uniform(*BASE_SHIFT)) + centre - Ts[:, :3, :3] @ centre
     return Ts
+
+
+def draw_coordinates(
+    frames: int, upright: bool, centre: Float64[np.ndarray, "3"], diagonal: float, rng: np.random.Generator
+) -> Float64[np.ndarray, "frames 4 4"]:
+    """Draw T_own_world of frames with coordinates of their own: turned about the object's centre, then shifted.
+
+    Upright ones turn by any angle about the vertical and tilt a little. Others turn by any angle about any axis.
+    """
+    if upright:
+        yaw, heading = rng.uniform(-np.pi, np.pi, (2, frames))
+        level = np.stack([np.cos(heading), np.sin(heading), np.zeros(frames)], axis=1)
+        tilt = np.radians(rng.uniform(0, OWN_TILT_DEGREES, frames))
+        turns = Rotation.from_rotvec(tilt[:, None] * level) * Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0])
+    else:
+        turns = Rotation.from_quat(rng.normal(size=(frames, 4)))  # uniform over all rotations
+    R = turns.as_matrix()
+    return from_parts(R, centre + OWN_SHIFT * diagonal * rng.uniform(-1, 1, (frames, 3)) - R @ centre)
 
 
 def search(

@@ -60,11 +60,14 @@ def distinct_colours(count: int) -> Float64[np.ndarray, "count 3"]:
 def colours_of_true_parts(
     labels: Int64[np.ndarray, "points"], labels_true: Int64[np.ndarray, "points"], true_parts: int
 ) -> Float64[np.ndarray, "true_parts 3"]:
-    """The colour of each true part: that of the predicted part that it is matched to, or one of its own."""
+    """The colour of each true part: that of the predicted part that it is matched to, or one of its own.
+
+    Points with a negative true label belong to no part.
+    """
     matched = match_parts(labels, labels_true)
     own = int(labels.max()) + 1 + np.arange(true_parts)
     colour_of = [matched.get(part, int(own[part])) for part in range(true_parts)]
-    return distinct_colours(max(colour_of) + 1)[colour_of]
+    return distinct_colours(max(colour_of, default=-1) + 1)[np.array(colour_of, dtype=np.int64)]
 
 
 def hexadecimal(colour: Float64[np.ndarray, "3"]) -> str:

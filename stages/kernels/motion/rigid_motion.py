@@ -36,6 +36,15 @@ def best_rotation(covariance: Float64[np.ndarray, "*batch 3 3"]) -> Float64[np.n
     return V @ U.swapaxes(-1, -2)
 
 
+def best_motion(
+    a: Float64[np.ndarray, "*batch points 3"], b: Float64[np.ndarray, "*batch points 3"]
+) -> Float64[np.ndarray, "*batch 4 4"]:
+    """The rigid motions that take points a to b with the least squared error."""
+    centre_a, centre_b = a.mean(axis=-2, keepdims=True), b.mean(axis=-2, keepdims=True)
+    R = best_rotation(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
+    return from_parts(R, (centre_b - centre_a @ np.swapaxes(R, -1, -2))[..., 0, :])
+
+
 def rotation_vectors(R: Float64[np.ndarray, "*batch 3 3"]) -> Float64[np.ndarray, "*batch 3"]:
     """The rotation vectors, of length pi at most, of rotation matrices."""
     vectors: np.ndarray = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()

@@ -44,7 +44,7 @@ def reart(tmp_path, monkeypatch):
         (("fit", "data/box", "--out", "out", "--set", "final_fit.iteration=1"), "final_fit.iterations"),
         (("fit", "data/box", "--out", "out", "--preset", "papre"), "papre"),
         (("fit", "data/box", "--out", "out", "--truth", "nowhere"), "--truth nowhere: found no ground truth"),
-        (("run", "--dataset", "robart"), "roboart-free, urdf, sapien, scans"),
+        (("run", "--dataset", "robart"), "roboart, urdf, roboart-noisy"),
         (("run", *DATA, "--workdir", "file"), "--workdir file"),
         pytest.param(
             ("run", "--dataset", "humans", "--sequences", "fly-1"),

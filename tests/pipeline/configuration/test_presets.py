@@ -3,7 +3,15 @@ import math
 import pytest
 
 from pipeline.configuration.listing import all_settings
-from pipeline.configuration.presets import DATASETS, FOLDER, load_config, load_settings, preset_names
+from pipeline.configuration.presets import (
+    BUILT,
+    DATASETS,
+    FOLDER,
+    dataset_presets,
+    load_config,
+    load_settings,
+    preset_names,
+)
 from schemas.config import PipelineConfig, TrainFlowConfig
 from schemas.errors import InputError
 
@@ -25,8 +33,24 @@ def test_every_preset_is_valid_and_changes_something(name):
     assert load_config([name]) != PipelineConfig() or name in ("sapien", "scans")
 
 
-def test_every_data_set_has_a_preset():
-    assert set(DATASETS) <= set(preset_names())
+@pytest.mark.parametrize("dataset", DATASETS)
+def test_every_data_set_has_a_source_and_a_condition_of_its_own(dataset):
+    source, _, condition = dataset.partition("-")
+    plain, made = load_config(dataset_presets(source)), load_config(dataset_presets(dataset))
+    assert made.ingest.source == plain.ingest.source
+    assert (made == plain) == (not condition)
+    assert bool(condition) <= (source in BUILT)
+
+
+def test_an_unknown_data_set_is_refused():
+    with pytest.raises(InputError, match="found 'roboart-odd', expected one of roboart, urdf"):
+        dataset_presets("roboart-odd")
+
+
+def test_states_are_five_with_a_little_noise_in_every_source():
+    for source in BUILT:
+        made = load_config(dataset_presets(f"{source}-states")).ingest.roboart
+        assert (made.motion, made.frames, made.noise_percent) == ("states", 5, 0.1)
 
 
 def test_roboart_is_built_in_metres_and_scans_have_no_known_unit():

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
-from schemas.sequence import GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
+from schemas.sequence import NO_PART, GroundTruth, IngestedSequence, PointSequence, TrueJoint, TrueSurface
 from stages.evaluation.stage import chamfer_distance, compute_evaluation, joint_errors, line_distance
 from stages.evaluation.summary import figures_of
 
@@ -320,6 +320,36 @@ def test_merged_parts_cost_recon_and_reanimation_and_lose_their_joint() -> None:
     assert metrics.ari < 0.8
 
 
+def with_strays(data: IngestedSequence) -> IngestedSequence:
+    """The same with points of no part at the end of every frame."""
+    rng = np.random.default_rng(8)
+    frames = [np.concatenate([p, rng.uniform(-1, 1, (30, 3))]) for p in data.sequence.frames()]
+    labels = [np.concatenate([own, np.full(30, NO_PART)]) for own in data.sequence.by_frame(data.truth.labels)]
+    sequence = data.sequence.replace(
+        points=np.concatenate(frames), point_counts=np.array([len(frame) for frame in frames])
+    )
+    return IngestedSequence(sequence=sequence, truth=data.truth.replace(labels=np.concatenate(labels)))
+
+
+def test_points_of_no_part_change_no_metric_but_the_chamfer_distance() -> None:
+    data = ingested()
+    model = true_model(data)
+    model = model.replace(Ts_frame_canonical=model.Ts_frame_canonical @ shifted(0.01))
+    stray = with_strays(data)
+    labels = np.concatenate([model.labels, np.arange(30) % 4])
+    clean, metrics = measured(model, data), measured(model.replace(labels=labels), stray)
+    assert metrics.chamfer_percent > clean.chamfer_percent
+    assert metrics.replace(chamfer_percent=clean.chamfer_percent) == clean
+
+
+def test_where_no_point_belongs_to_a_part_only_the_chamfer_distance_is_known() -> None:
+    data = ingested()
+    strays = with_truth(data, labels=np.full_like(data.truth.labels, NO_PART))
+    metrics = measured(true_model(data), strays)
+    assert metrics.chamfer_percent == measured(true_model(data), data).chamfer_percent
+    assert (metrics.ari, metrics.recon, metrics.parts_true) == (None, None, None)
+
+
 def test_reanimation_depends_on_nothing_but_the_seed() -> None:
     data = ingested()
     model = true_model(data).replace(point=true_model(data).point + 0.02)
@@ -349,6 +379,142 @@ def test_reanimation_moves_the_root_where_it_moved_in_the_sequence() -> None:
     metrics = measured(true_model(data), data)
     assert metrics.recon == pytest.approx(0, abs=1e-12)
     assert metrics.reanimation_percent == pytest.approx(0, abs=0.02)
+
+
+def placements(seed: int = 4) -> np.ndarray:
+    """A rigid motion for each frame."""
+    rng = np.random.default_rng(seed)
+    Ts = np.tile(np.eye(4), (FRAMES, 1, 1))
+    Ts[:, :3, :3] = Rotation.from_rotvec(rng.normal(size=(FRAMES, 3))).as_matrix()
+    Ts[:, :3, 3] = rng.normal(size=(FRAMES, 3))
+    return Ts
+
+
+def in_own_coordinates(data: IngestedSequence) -> IngestedSequence:
+    """The same object, each frame in coordinates of its own; unseen states are in those of frame 0."""
+    Ts, truth = placements(), data.truth
+    frames = [moved(T[None], np.zeros(len(p), dtype=int), p) for T, p in zip(Ts, data.sequence.frames(), strict=True)]
+    home, first = np.linalg.inv(Ts[0]), Ts[0]
+    joints = tuple(
+        joint.model_copy(
+            update={
+                "axis": tuple((first[:3, :3] @ joint.axis).tolist()),
+                "point": tuple((first[:3, :3] @ joint.point + first[:3, 3]).tolist()),
+            }
+        )
+        for joint in truth.joints
+    )
+    own = truth.replace(
+        Ts_frame_first=Ts[:, None] @ truth.Ts_frame_first @ home,
+        Ts_novel_first=first @ truth.Ts_novel_first @ home,
+        joints=joints,
+        own_coordinates=True,
+    )
+    return data.replace(sequence=data.sequence.replace(points=np.concatenate(frames)), truth=own)
+
+
+def carried(model: KinematicModel) -> KinematicModel:
+    """The model of the shared coordinates in those of each frame's own."""
+    Ts = placements()
+    R, t = Ts[CANONICAL, :3, :3], Ts[CANONICAL, :3, 3]
+    return model.replace(
+        Ts_frame_canonical=Ts[:, None] @ model.Ts_frame_canonical @ np.linalg.inv(Ts[CANONICAL]),
+        axis=model.axis @ R.T,
+        point=model.point @ R.T + t,
+    )
+
+
+def test_the_true_model_is_perfect_where_each_frame_has_coordinates_of_its_own() -> None:
+    shared = ingested()
+    data = in_own_coordinates(shared)
+    metrics = measured(carried(true_model(shared)), data)
+    assert (metrics.ari, metrics.tree_edit_distance, metrics.acc5) == (1, 0, 1)
+    for name in ("recon", "epe", "placement_percent"):
+        assert getattr(metrics, name) == pytest.approx(0, abs=1e-9), name
+    assert metrics.reanimation_percent == pytest.approx(0, abs=0.05)
+    assert metrics.told_share == measured(true_model(shared), shared).told_share
+    for joint in metrics.joints:
+        assert joint.axis_angle_deg == pytest.approx(0, abs=1e-5)
+        assert joint.state_error == pytest.approx(0, abs=1e-9)
+    assert [joint.axis_distance_percent for joint in metrics.joints[:2]] == pytest.approx([0, 0], abs=1e-5)
+
+
+def test_a_misplaced_whole_costs_the_placement_alone_where_each_frame_has_coordinates_of_its_own() -> None:
+    shared = ingested()
+    data, model = in_own_coordinates(shared), carried(true_model(shared))
+    aside = placements(9)
+    aside[CANONICAL] = np.eye(4)
+    metrics = measured(model.replace(Ts_frame_canonical=aside[:, None] @ model.Ts_frame_canonical), data)
+    assert metrics.placement_percent > 50
+    assert metrics.recon == pytest.approx(0, abs=1e-9)
+    assert metrics.epe == pytest.approx(0, abs=1e-9)
+    assert metrics.reanimation_percent == pytest.approx(0, abs=0.05)
+    assert measured(true_model(shared), shared).placement_percent is None
+
+
+def test_errors_in_own_coordinates_are_those_in_shared_ones_after_the_best_motion_of_the_whole() -> None:
+    shared = ingested()
+    model = true_model(shared)
+    Ts = model.Ts_frame_canonical.copy()
+    Ts[1, 3, :3, 3] += [0.03, 0, 0.04]
+    model = model.replace(Ts_frame_canonical=Ts)
+    plain, own = measured(model, shared), measured(carried(model), in_own_coordinates(shared))
+    assert own.placement_percent == pytest.approx(plain.recon_percent)
+    # a quarter of the points is off by d: the best shift leaves 3/4 d of it and moves the others by 1/4 d, a turn helps
+    assert 0.7 * 1.5 * plain.recon_percent < own.recon_percent < 1.5 * plain.recon_percent
+    assert own.recon_percent / own.recon_of_motion_percent == pytest.approx(
+        plain.recon_percent / plain.recon_of_motion_percent
+    )
+    assert own.epe_percent / own.epe_of_flow_percent == pytest.approx(plain.epe_percent / plain.epe_of_flow_percent)
+
+
+def without_part(data: IngestedSequence, part: int) -> IngestedSequence:
+    """The same with a part that no frame shows."""
+    kept = data.truth.labels != part
+    counts = np.array([np.count_nonzero(of) for of in data.sequence.by_frame(kept)])
+    sequence = data.sequence.replace(points=data.sequence.points[kept], point_counts=counts)
+    return IngestedSequence(sequence=sequence, truth=data.truth.replace(labels=data.truth.labels[kept]))
+
+
+def test_a_part_that_is_never_seen_is_not_missed() -> None:
+    data = without_part(ingested(), 3)
+    whole = true_model(ingested())
+    model = whole.replace(
+        labels=data.true_labels(CANONICAL),
+        Ts_frame_canonical=whole.Ts_frame_canonical[:, :3],
+        **{name: getattr(whole, name)[:2] for name in ("joint_parent", "joint_child", "joint_types", "axis", "point")},
+        states=whole.states[:, :2],
+        e_spatial=np.zeros(2),
+        e_1dof=np.zeros(2),
+    )
+    metrics = measured(model, data)
+    assert (metrics.parts_true, metrics.unseen_parts, metrics.tree_edit_distance) == (3, ("drawer",), 0)
+    assert [joint.name for joint in metrics.joints] == ["joint 0", "joint 1"]
+    assert figures_of(metrics, {}).moving_joints_found == 1
+    assert measured(whole, ingested()).unseen_parts == ()
+
+
+def test_a_link_that_is_never_seen_may_be_found_or_not() -> None:
+    data = without_part(ingested(), 1)
+    whole = true_model(ingested())
+    with_link = whole.replace(labels=data.true_labels(CANONICAL))
+    number = np.array([0, -1, 1, 2])
+    without = whole.replace(
+        labels=number[data.true_labels(CANONICAL)],
+        Ts_frame_canonical=whole.Ts_frame_canonical[:, [0, 2, 3]],
+        joint_parent=np.array([0, 0]),
+        joint_child=np.array([1, 2]),
+        joint_types=("revolute", "prismatic"),
+        axis=whole.axis[1:],
+        point=whole.point[1:],
+        states=whole.states[:, 1:],
+        e_spatial=np.zeros(2),
+        e_1dof=np.zeros(2),
+    )
+    for model in (with_link, without):
+        metrics = measured(model, data)
+        assert (metrics.parts_true, metrics.tree_edit_distance) == (3, 0)
+        assert [joint.name for joint in metrics.joints] == ["joint 2"]
 
 
 def ball_model(data: IngestedSequence, aside: float) -> KinematicModel:

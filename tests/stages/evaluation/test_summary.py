@@ -6,8 +6,14 @@ from schemas.scores import SequenceScore, StageCost
 from stages.evaluation.summary import figures_of, mean_costs, mean_figures, total_cost
 
 
-def joint(angle=None, true_type="revolute", predicted_type="revolute"):
-    return JointMetrics(name="joint", true_type=true_type, predicted_type=predicted_type, axis_angle_deg=angle)
+def joint(angle=None, true_type="revolute", predicted_type="revolute", travel=None):
+    return JointMetrics(
+        name="joint",
+        true_type=true_type,
+        predicted_type=predicted_type,
+        axis_angle_deg=angle,
+        travel_spacings=travel,
+    )
 
 
 @pytest.fixture
@@ -39,9 +45,24 @@ def test_joints_are_measured_over_the_matched_ones(score):
     missed = joint(predicted_type=None)
     figures = score(joints=(joint(1.0), joint(3.0), joint(8.0, predicted_type="prismatic"), missed)).figures
     assert (figures.joints_found, figures.joints_true) == (3, 4)
-    assert figures.axis_angle_deg == 3.0
+    assert (figures.axis_angle_deg, figures.axis_angle_mean_deg) == (3.0, 4.0)
     assert figures.joint_type_accuracy == pytest.approx(2 / 3)
     assert figures.axis_distance_percent is None
+
+
+def test_of_the_joints_that_move_by_more_than_three_spacings_the_share_found_is_told(score):
+    still = [joint(travel=3.0), joint(travel=0.5, predicted_type=None)]
+    moving = [joint(travel=3.1), joint(travel=30.0), joint(travel=9.0, predicted_type=None)]
+    many, few = score(joints=(*still, *moving)), score(joints=(joint(travel=5.0),))
+    assert many.figures.moving_joints_found == pytest.approx(2 / 3)
+    assert mean_figures([many, few]).moving_joints_found == pytest.approx(3 / 4)
+    assert score(joints=tuple(still)).figures.moving_joints_found is None
+
+
+def test_more_than_twice_the_true_parts_are_told_as_a_share_of_the_sequences(score):
+    scores = [score(parts_found=found, parts_true=3) for found in (6, 7, 2, 20)]
+    assert [each.figures.oversplit for each in scores] == [0, 1, 0, 1]
+    assert mean_figures(scores).oversplit == 0.5
 
 
 def test_means_are_over_those_that_have_a_figure(score):

@@ -64,6 +64,23 @@ def test_points_go_to_a_centred_box_of_unit_diagonal_and_back() -> None:
     assert sequence.frame_names == ("frame_0.ply", "frame_1.ply", "frame_2.ply")
 
 
+def test_viewpoints_are_normalised_with_the_points_where_all_frames_have_some() -> None:
+    points, seen = clouds(50, 60), np.random.default_rng(3).normal(size=(2, 4, 3))
+    frames = [Frame(f"{t}.ply", of_frame, views) for t, (of_frame, views) in enumerate(zip(points, seen, strict=True))]
+    sequence = normalise(frames, CONFIG, "unknown")
+    np.testing.assert_allclose(sequence.to_input(sequence.viewpoints), seen)
+    np.testing.assert_array_equal(sequence.points, ingested(points).points)
+    assert ingested(points).viewpoints is None
+    assert normalise([frames[0], Frame("1.ply", points[1])], CONFIG, "unknown").viewpoints is None
+
+
+def test_differing_numbers_of_viewpoints_are_refused() -> None:
+    points = clouds(50, 60)
+    frames = [Frame(f"{t}.ply", of_frame, np.zeros((t + 1, 3))) for t, of_frame in enumerate(points)]
+    with pytest.raises(InputError, match=r"1\.ply: found 2 viewpoints, but 1 in 0\.ply"):
+        normalise(frames, CONFIG, "unknown")
+
+
 def test_scale_and_centre_do_not_follow_a_stray_point_in_one_frame() -> None:
     points = clouds(50, 50, 50)
     clean = ingested(points)
@@ -161,6 +178,7 @@ def raw_truth(points: list[np.ndarray], joints: tuple[TrueJoint, ...] = ()) -> R
         parent=np.array([-1, 0, 1]),
         part_names=("base", "arm", "hand"),
         joints=joints,
+        own_coordinates=True,
     )
 
 
@@ -177,6 +195,7 @@ def test_moving_normalised_points_equals_normalising_moved_points() -> None:
             expected = (moved(T_raw, points[0]) - sequence.centre) / sequence.scale
             np.testing.assert_allclose(moved(T, p_first), expected, atol=1e-12)
     assert normalised.part_names == truth.part_names
+    assert normalised.own_coordinates == truth.own_coordinates
     np.testing.assert_array_equal(normalised.parent, truth.parent)
 
 

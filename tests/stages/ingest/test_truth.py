@@ -57,6 +57,16 @@ def test_arrays_and_tree_are_read(tmp_path: Path) -> None:
     assert truth.joints[0].states == (0.0, 0.1, 0.2)
 
 
+def test_frames_share_their_coordinates_unless_the_truth_says_otherwise(tmp_path: Path) -> None:
+    assert not read_truth(saved(tmp_path), COUNTS).own_coordinates
+    assert read_truth(saved(tmp_path, TREE | {"own_coordinates": True}), COUNTS).own_coordinates
+
+
+def test_points_may_belong_to_no_part(tmp_path: Path) -> None:
+    labels = LABELS - 1
+    np.testing.assert_array_equal(read_truth(saved(tmp_path, labels=labels), COUNTS).labels, labels)
+
+
 def test_tree_and_novel_poses_may_be_missing(tmp_path: Path) -> None:
     path = saved(tmp_path, novel_poses=None)
     path.with_suffix(".json").unlink()
@@ -85,7 +95,7 @@ def scaled(Ts: np.ndarray, factor: float) -> np.ndarray:
         ({"labels": LABELS.astype(float)}, "float64"),
         ({"labels": LABELS[:, :4]}, "(3, 4)"),
         ({"labels": LABELS + 1}, "1..3"),
-        ({"labels": LABELS - 1}, "-1..1"),
+        ({"labels": LABELS - 2}, "-2..0"),
         ({"poses": POSES[:2]}, "(2, 3, 4, 4)"),
         ({"poses": POSES[0]}, "(3, 4, 4)"),
         ({"poses": POSES[:, :0]}, "(3, 0, 4, 4)"),

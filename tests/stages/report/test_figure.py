@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
-from schemas.sequence import GroundTruth, IngestedSequence, TrueJoint
+from schemas.sequence import NO_PART, GroundTruth, IngestedSequence, TrueJoint
 from stages.final_fit.stage import compute_final_fit
 from stages.kernels.labelling.colours import distinct_colours
 from stages.projection.stage import link_parts
@@ -84,6 +84,19 @@ def test_the_truth_stands_below_in_the_colours_of_the_parts_found(result, ingest
     direction = np.diff(line_of(true), axis=0)[0]
     assert np.linalg.norm(np.cross(direction, np.diff(line_of(found), axis=0)[0])) < 0.05 * direction @ direction
     assert np.linalg.norm(line_of(true).mean(axis=0) - line_of(found).mean(axis=0)) < 0.1
+
+
+def test_points_of_no_part_are_not_drawn_among_the_true_parts(result, ingested):
+    labels = ingested.truth.labels.copy()
+    labels[::4] = NO_PART
+    whole = by_title(draw(result, ingested))["2 true parts, 1 joint"].collections[0]
+    panels = by_title(draw(result, ingested.replace(truth=ingested.truth.replace(labels=labels))))
+    drawn = panels["2 true parts, 1 joint"].collections[0]
+    np.testing.assert_array_equal(
+        np.stack(drawn._offsets3d), np.delete(np.stack(whole._offsets3d), np.arange(0, 400, 4), axis=1)
+    )
+    none = ingested.truth.replace(labels=np.full_like(labels, NO_PART))
+    assert len(by_title(draw(result, ingested.replace(truth=none)))) == 5
 
 
 def test_a_truth_that_does_not_tell_the_tree_is_drawn_without_it(result, ingested):

@@ -58,6 +58,15 @@ def scene_of(page):
     return json.loads(Page(page).scripts["application/json"])
 
 
+def test_points_of_no_part_are_grey_among_the_true_parts(arm):
+    result, sequence, robot, metrics, labels_true = arm
+    frames = [sequence.to_input(frame) for frame in sequence.frames()]
+    labels = np.where(np.arange(len(labels_true)) % 3 == 0, -1, labels_true)
+    page = report_page("arm", result, frames, compute_report(result, sequence), robot, metrics, labels)
+    colours = np.frombuffer(base64.b64decode(scene_of(page)["points"]["trueColours"]), np.uint8).reshape(-1, 3)
+    assert (colours == 128).all(axis=1).sum() == (labels == -1).sum()
+
+
 def test_the_page_is_one_file_that_names_no_address(page):
     parsed = Page(page)
     assert not re.search(r"https?:|//[a-z]|@import|url\(", re.sub(r"<script.*?</script>", "", page, flags=re.S))

@@ -6,14 +6,16 @@ import sys
 import numpy as np
 import pytest
 
-from schemas.config import ExportConfig, FlowConfig
+from schemas.config import DepthConfig, ExportConfig, FlowConfig
 from schemas.errors import InputError
 from stages.export import geometry
 from stages.flow.descriptors import fpfh
+from stages.ingest.roboart.depth_camera import DepthSensor, scan_depth
 from stages.ingest.roboart.sensor import sample_visible
 from stages.ingest.roboart.surface import Surface
 
 POINTS = np.random.default_rng(0).uniform(size=(200, 3))
+SENSOR = DepthSensor(DepthConfig(cameras=1, width=8, height=8), np.zeros(3), 1.0, 0.0)
 SURFACE = Surface(POINTS[:3][None], np.zeros(1, dtype=np.int64))
 
 
@@ -34,6 +36,7 @@ def cause(request, monkeypatch):
     [
         lambda: fpfh(POINTS, FlowConfig()),
         lambda: geometry.part_mesh(POINTS, 0.1, ExportConfig(triangles=20)),
+        lambda: scan_depth(SURFACE, np.eye(4)[None], np.ones((1, 3)), SENSOR, 5, np.random.default_rng(0)),
         lambda: sample_visible(SURFACE, np.eye(4)[None], np.ones((1, 3)), 5, np.random.default_rng(0)),
     ],
 )

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 import yourdfpy
+from scipy.spatial.transform import Rotation
 
-from schemas.config import RoboartConfig
+from schemas.config import DepthConfig, RoboartConfig
 from schemas.errors import InputError
 from stages.ingest.roboart import build_from_urdf, builder
 from stages.ingest.roboart.descriptions import robot_description
@@ -77,7 +78,7 @@ ARM_PARTS = [["base"], ["upper", "button"], ["fore"], ["slide"], ["flag"]]
 
 
 def test_the_arm_comes_out_as_its_visible_parts_and_joints(arm):
-    _, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))
+    _, truth, _ = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))
     assert truth.part_names == ("base", "upper", "fore", "slide", "flag")
     assert truth.parent.tolist() == [-1, 0, 1, 2, 0]
     assert [(j.name, j.parent, j.child, j.type) for j in truth.joints] == [
@@ -90,7 +91,7 @@ def test_the_arm_comes_out_as_its_visible_parts_and_joints(arm):
 
 def test_shapes_are_as_the_configuration_asks(arm):
     config = RoboartConfig(frames=4, points=50, novel_states=2)
-    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    frames, truth, _ = build_from_urdf(arm, (), config, np.random.default_rng(0))
     assert [frame.shape for frame in frames] == [(50, 3)] * 4
     assert [labels.shape for labels in truth.labels] == [(50,)] * 4
     assert all(labels.dtype == np.int64 for labels in (*truth.labels, truth.parent))
@@ -101,14 +102,14 @@ def test_shapes_are_as_the_configuration_asks(arm):
 
 
 def test_every_frame_lies_on_the_surface_that_yourdfpy_poses(arm, recorded):
-    frames, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(3))
+    frames, truth, _ = build_from_urdf(arm, (), CONFIG, np.random.default_rng(3))
     names = [joint.name for joint in read_urdf(arm).joints]
     for positions, points, labels in zip(recorded[0][0], frames, truth.labels, strict=True):
         assert_on_surface(arm, (), dict(zip(names, positions, strict=True)), ARM_PARTS, points, labels)
 
 
 def test_frame_0_moved_by_the_true_motions_lies_on_every_other_frame_and_unseen_state(arm, recorded):
-    frames, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(4))
+    frames, truth, _ = build_from_urdf(arm, (), CONFIG, np.random.default_rng(4))
     names = [joint.name for joint in read_urdf(arm).joints]
     swept, unseen = recorded[0]
     for positions, Ts in [
@@ -133,6 +134,108 @@ def test_each_joints_screw_carries_the_parents_motion_to_the_childs(arm):
     assert_screws_reproduce_motions(build_from_urdf(arm, (), CONFIG, np.random.default_rng(5))[1])
 
 
+def test_states_are_drawn_over_the_whole_range_one_frame_independently_of_the_other(arm, recorded):
+    config = RoboartConfig(points=32, motion="states", frames=40, novel_states=0)
+    frames, truth, _ = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    joints = {joint.name: joint for joint in read_urdf(arm).joints}
+    position = dict(zip(joints, recorded[0][0].T, strict=True))
+    for name, low, high in (("shoulder", 0.3, 2.2), ("elbow", -np.pi / 2, np.pi / 2), ("rail", -0.3, -0.1)):
+        assert low <= position[name].min() < low + 0.15 * (high - low)
+        assert high - 0.15 * (high - low) < position[name].max() <= high
+        steps = np.diff(position[name])
+        assert np.mean(np.sign(steps[1:]) != np.sign(steps[:-1])) > 0.4  # of a sweep 0 or 1 of 38
+    assert abs(np.corrcoef(position["shoulder"], position["elbow"])[0, 1]) < 0.4
+    np.testing.assert_allclose(position["echo"], 0.6 - 0.5 * position["shoulder"])
+    assert_screws_reproduce_motions(truth)
+    assert len(frames) == 40
+
+
+def test_shuffled_frames_are_the_ordered_ones_in_another_order_and_motions_start_from_the_new_frame_0(arm):
+    ordered, of_ordered, _ = build_from_urdf(arm, (), CONFIG, np.random.default_rng(1))
+    config = RoboartConfig(points=600, shuffled=True)
+    shuffled, truth, _ = build_from_urdf(arm, (), config, np.random.default_rng(1))
+    order = [next(t for t, frame in enumerate(ordered) if np.array_equal(frame, mixed)) for mixed in shuffled]
+    assert sorted(order) == list(range(10)) != order
+    for labels, t in zip(truth.labels, order, strict=True):
+        np.testing.assert_array_equal(labels, of_ordered.labels[t])
+    Ts_ordered = of_ordered.Ts_frame_first
+    expected = Ts_ordered[order] @ np.linalg.inv(Ts_ordered[order[0]])
+    np.testing.assert_allclose(truth.Ts_frame_first, expected, atol=1e-12)
+    assert_screws_reproduce_motions(truth)
+
+
+def placement(here, there):
+    """The rigid motion that takes points to the same points elsewhere."""
+    centre, centre_there = here.mean(axis=0), there.mean(axis=0)
+    turn = Rotation.align_vectors(there - centre_there, here - centre)[0].as_matrix()
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn, centre_there - turn @ centre
+    return T
+
+
+@pytest.mark.parametrize("coordinates", ["upright", "any"])
+def test_frames_with_coordinates_of_their_own_are_the_shared_ones_elsewhere_and_so_is_the_truth(arm, coordinates):
+    shared, of_shared, _ = build_from_urdf(arm, (), CONFIG, np.random.default_rng(2))
+    config = RoboartConfig(points=600, coordinates=coordinates)
+    frames, truth, _ = build_from_urdf(arm, (), config, np.random.default_rng(2))
+    Ts_own = np.stack([placement(here, there) for here, there in zip(shared, frames, strict=True)])
+    for T, here, there in zip(Ts_own, shared, frames, strict=True):
+        np.testing.assert_allclose(here @ T[:3, :3].T + T[:3, 3], there, atol=1e-9)
+    expected = Ts_own[:, None] @ of_shared.Ts_frame_first @ np.linalg.inv(Ts_own[0])
+    np.testing.assert_allclose(truth.Ts_frame_first, expected, atol=1e-9)
+    unseen = Ts_own[0] @ of_shared.Ts_novel_first @ np.linalg.inv(Ts_own[0])
+    np.testing.assert_allclose(truth.Ts_novel_first, unseen, atol=1e-9)  # in frame 0's coordinates
+    assert_screws_reproduce_motions(truth)
+    assert (of_shared.own_coordinates, truth.own_coordinates) == (False, True)
+    tilts = np.degrees(np.arccos(np.clip(Ts_own[:, 2, 2], -1, 1)))
+    headings = np.degrees(np.arctan2(Ts_own[:, 1, 0], Ts_own[:, 0, 0]))
+    if coordinates == "upright":
+        assert 0.5 < tilts.max() <= 5
+        assert np.ptp(headings) > 180
+    else:
+        assert np.ptp(tilts) > 60
+    diagonal = np.linalg.norm(np.ptp(np.concatenate(shared), axis=0))
+    away = np.abs([there.mean(axis=0) - here.mean(axis=0) for here, there in zip(shared, frames, strict=True)])
+    assert 0.3 * diagonal < away.max() < 1.5 * diagonal
+
+
+PERFECT = DepthConfig(cameras=1, width=160, height=120, quantisation_percent=0, flying_share=0)
+
+
+def test_pixels_of_a_perfect_depth_camera_lie_on_the_posed_surface(arm, recorded):
+    config = RoboartConfig(points=300, depth=PERFECT)
+    frames, truth, viewpoints = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    names = [joint.name for joint in read_urdf(arm).joints]
+    assert viewpoints is None
+    for index in (0, 9):
+        position = dict(zip(names, recorded[0][0][index], strict=True))
+        assert_on_surface(arm, (), position, ARM_PARTS, frames[index], truth.labels[index], tolerance=1e-5)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_known_viewpoints_are_told_in_the_coordinates_of_each_frame(arm, moving):
+    options = {"points": 200, "viewpoints": 3, "known_viewpoints": True, "moving_viewpoints": moving, "frames": 4}
+    shared, _, standing = build_from_urdf(arm, (), RoboartConfig(**options), np.random.default_rng(0))
+    config = RoboartConfig(**options, coordinates="any")
+    frames, _, viewpoints = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    assert viewpoints.shape == standing.shape == (4, 3, 3)
+    assert np.array_equal(standing[0], standing[3]) != moving
+    for t in range(4):
+        T = placement(shared[t], frames[t])
+        np.testing.assert_allclose(standing[t] @ T[:3, :3].T + T[:3, 3], viewpoints[t], atol=1e-9)
+
+
+def test_a_depth_camera_stands_where_it_sees_most_of_the_parts(urdf):
+    path = urdf.write(
+        urdf.link("base", urdf.box("0.1 4 4")),
+        urdf.link("lid", urdf.box("0.5 0.5 0.05")),
+        urdf.joint("hinge", "revolute", "base", "lid", urdf.moves("0 1 0", -0.3, 0.3), "0.4 0 0"),
+    )
+    config = RoboartConfig(points=100, frames=3, novel_states=0, known_viewpoints=True, depth=PERFECT)
+    sides = [build_from_urdf(path, (), config, np.random.default_rng(seed))[2][0, 0, 0] > 0 for seed in range(5)]
+    assert all(sides)
+
+
 def test_the_base_stands_still(arm):
     truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))[1]
     np.testing.assert_allclose(truth.Ts_frame_first[:, 0], np.tile(np.eye(4), (10, 1, 1)), atol=1e-15)
@@ -153,7 +256,7 @@ def test_limits_are_kept_mimic_joints_follow_and_held_joints_rest(arm, recorded)
 
 
 def as_bytes(built):
-    frames, truth = built
+    frames, truth, _ = built
     arrays = [*frames, *truth.labels, truth.Ts_frame_first, truth.Ts_novel_first, truth.parent]
     return [array.tobytes() for array in arrays], truth.part_names, truth.joints
 
@@ -167,7 +270,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(arm):
 
 
 def test_frames_are_sampled_independently(arm):
-    frames, truth = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))
+    frames, truth, _ = build_from_urdf(arm, (), CONFIG, np.random.default_rng(0))
     assert not np.isin(frames[0][truth.labels[0] == 0], frames[1][truth.labels[1] == 0]).all(axis=1).any()
 
 
@@ -183,7 +286,7 @@ def turn_degrees(Ts):
 
 def test_a_free_base_carries_the_whole_robot_smoothly(arm, recorded):
     config = RoboartConfig(points=600, free_base=True)
-    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(3))
+    frames, truth, _ = build_from_urdf(arm, (), config, np.random.default_rng(3))
     names = [joint.name for joint in read_urdf(arm).joints]
     swept, unseen = recorded[0]
     Ts_base = truth.Ts_frame_first[:, 0]
@@ -203,8 +306,8 @@ def test_a_free_base_carries_the_whole_robot_smoothly(arm, recorded):
 
 
 def test_noise_is_independent_and_a_share_of_the_diagonal_and_spares_the_truth(arm):
-    clean, truth = build_from_urdf(arm, (), RoboartConfig(points=2000), np.random.default_rng(0))
-    noisy, same = build_from_urdf(arm, (), RoboartConfig(points=2000, noise_percent=0.3), np.random.default_rng(0))
+    clean, truth, _ = build_from_urdf(arm, (), RoboartConfig(points=2000), np.random.default_rng(0))
+    noisy, same, _ = build_from_urdf(arm, (), RoboartConfig(points=2000, noise_percent=0.3), np.random.default_rng(0))
     diagonal = np.linalg.norm(np.ptp(clean[0], axis=0))
     noise = np.array(noisy) - np.array(clean)
     np.testing.assert_allclose(noise.std(axis=(0, 1)), 0.003 * diagonal, rtol=0.03)
@@ -216,8 +319,8 @@ def test_noise_is_independent_and_a_share_of_the_diagonal_and_spares_the_truth(a
 
 def test_partial_views_keep_count_labels_and_surface_and_lose_the_underside(arm, recorded):
     config = RoboartConfig(points=300, viewpoints=2)
-    frames, truth = build_from_urdf(arm, (), config, np.random.default_rng(0))
-    whole, _ = build_from_urdf(arm, (), RoboartConfig(points=300), np.random.default_rng(0))
+    frames, truth, _ = build_from_urdf(arm, (), config, np.random.default_rng(0))
+    whole, _, _ = build_from_urdf(arm, (), RoboartConfig(points=300), np.random.default_rng(0))
     assert [frame.shape for frame in frames] == [(300, 3)] * 10
     names = [joint.name for joint in read_urdf(arm).joints]
     for index in (0, 9):
@@ -229,7 +332,19 @@ def test_partial_views_keep_count_labels_and_surface_and_lose_the_underside(arm,
     assert under[1] < 0.01 * under[0]
 
 
-@pytest.mark.parametrize("options", [{"viewpoints": 2}, {"noise_percent": 0.3}, {"free_base": True}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"viewpoints": 2},
+        {"viewpoints": 2, "moving_viewpoints": True},
+        {"noise_percent": 0.3},
+        {"free_base": True},
+        {"motion": "states"},
+        {"shuffled": True},
+        {"coordinates": "upright"},
+        {"depth": DepthConfig(cameras=2, width=80, height=60)},
+    ],
+)
 def test_harder_sequences_are_as_reproducible(arm, options):
     config = RoboartConfig(points=100, frames=3, **options)
     first, again, other = (
@@ -239,15 +354,36 @@ def test_harder_sequences_are_as_reproducible(arm, options):
     assert not set(first[0][:3]) & set(other[0][:3])
 
 
-def test_a_motion_that_strikes_another_part_is_avoided(urdf, monkeypatch):
+def seen_faces(urdf, **options):
+    """Which of a box's vertical faces each frame shows, as seen from one viewpoint."""
+    path = urdf.write(
+        urdf.link("base", urdf.box("1 1 1")),
+        urdf.link("lid", urdf.box("0.2 0.2 0.01")),
+        urdf.joint("hinge", "revolute", "base", "lid", urdf.moves("0 0 1", -1, 1), "0 0 0.6"),
+    )
+    config = RoboartConfig(points=200, viewpoints=1, frames=6, **options)
+    frames, _, _ = build_from_urdf(path, (), config, np.random.default_rng(0))
+    directions = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    return [tuple((p[:, :2] @ directions.T > 0.5 - 1e-6).any(axis=0)) for p in frames]
+
+
+def test_viewpoints_stand_still_or_are_drawn_anew_for_each_frame(urdf):
+    assert len(set(seen_faces(urdf))) == 1
+    assert len(set(seen_faces(urdf, moving_viewpoints=True))) > 2
+
+
+@pytest.mark.parametrize("motion", ["sweep", "states"])
+def test_a_motion_that_strikes_another_part_is_avoided(urdf, monkeypatch, motion):
     path = urdf.write(
         urdf.link("base", urdf.box("0.4 0.4 0.4"), urdf.box("0.5 0.3 0.4", "0.6 0.6 0")),
         urdf.link("arm", urdf.box("1.2 0.1 0.1", "0.6 0 0")),
         urdf.joint("hinge", "continuous", "base", "arm", '<axis xyz="0 0 1"/>'),
     )
 
+    config = RoboartConfig(points=600, motion=motion)
+
     def deepest(seed):
-        frames, truth = build_from_urdf(path, (), CONFIG, np.random.default_rng(seed))
+        frames, truth, _ = build_from_urdf(path, (), config, np.random.default_rng(seed))
         points = np.concatenate([p[labels == 1] for p, labels in zip(frames, truth.labels, strict=True)])
         return (np.array([0.25, 0.15, 0.2]) - np.abs(points - [0.6, 0.6, 0])).min(axis=1).max()
 
@@ -274,7 +410,7 @@ def test_a_missing_mesh_is_refused_by_name(urdf):
 def test_a_real_robots_frames_lie_on_its_posed_meshes(name, parts, recorded):
     found = robot_description(name)
     path, mesh_dirs = found.urdf_path, found.mesh_dirs
-    frames, truth = build_from_urdf(path, mesh_dirs, RoboartConfig(points=60), np.random.default_rng(0))
+    frames, truth, _ = build_from_urdf(path, mesh_dirs, RoboartConfig(points=60), np.random.default_rng(0))
     robot = read_urdf(path)
     names = [joint.name for joint in robot.joints]
     members = links_by_part(robot, [joint.name for joint in truth.joints])

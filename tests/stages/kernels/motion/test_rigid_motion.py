@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stages.kernels.motion.rigid_motion import (
+    best_motion,
     best_rotation,
     from_parts,
     inverse,
@@ -103,3 +104,11 @@ def test_the_best_rotation_is_the_one_that_was_applied():
     p -= p.mean(axis=0)
     np.testing.assert_allclose(best_rotation(p.T @ (p @ R.T)), R, atol=1e-12)
     assert np.linalg.det(best_rotation(p.T @ -p)) == pytest.approx(1)  # of a mirrored set too
+
+
+def test_the_best_motion_takes_points_to_where_they_went_and_noise_away():
+    rng = np.random.default_rng(2)
+    Ts, p = random_transforms(4), rng.normal(size=(4, 50, 3))
+    there = move_points(Ts[:, None], p)
+    np.testing.assert_allclose(best_motion(p, there), Ts, atol=1e-12)
+    np.testing.assert_allclose(best_motion(p, there + 0.01 * rng.normal(size=p.shape)), Ts, atol=0.02)
