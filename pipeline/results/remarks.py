@@ -1,4 +1,4 @@
-"""Remarks on the models of a run, printed at its end."""
+"""Verdicts and remarks on the models of a run, printed at its end."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from pipeline.run.launch import Outcome
 from pipeline.store import artifacts
+from schemas.assessment import Verdict
 
 
 def remarks(outcome: Outcome) -> Iterator[tuple[str, str]]:
@@ -16,3 +17,14 @@ def remarks(outcome: Outcome) -> Iterator[tuple[str, str]]:
             with contextlib.suppress(artifacts.ArtifactError):  # reported where the artifact is needed
                 for line in artifacts.read_manifest(place.directory).payload["remarks"]:
                     yield place.sequence, line
+
+
+def verdicts(outcome: Outcome) -> Iterator[tuple[str, Verdict]]:
+    """Yield (sequence, verdict) for every model."""
+    for place in outcome.planned.values():
+        if place.stage == "assessment" and outcome.is_complete(place):
+            with contextlib.suppress(artifacts.ArtifactError):
+                yield (
+                    place.sequence,
+                    Verdict.model_validate(artifacts.read_manifest(place.directory).payload["verdict"]),
+                )

@@ -12,6 +12,7 @@ from typing import Any
 from pipeline.run.isolated_luigi import luigi
 from pipeline.run.plugins import own_weights
 from pipeline.run.task import Given, Job, StageTask
+from schemas.assessment import Assessment
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
@@ -21,6 +22,7 @@ from schemas.report import Report
 from schemas.robot import Robot
 from schemas.sequence import IngestedSequence
 from stages import (
+    assessment,
     canonical_frame,
     evaluation,
     export,
@@ -187,17 +189,35 @@ class CanonicalFrameTask(StageTask):
         return compute_canonical_frame(models, sequence, settings.canonical_frame.by, settings.final_fit)
 
 
-class ResultTask(StageTask):
-    stage, version, schema = "result", result.VERSION, Result
+class AssessmentTask(StageTask):
+    stage, version, schema = "assessment", assessment.VERSION, Assessment
+    also = ("final_fit",)
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
     @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Assessment:
+        from stages.assessment.stage import compute_assessment
+
+        return compute_assessment(inputs["canonical_frame"].model, inputs["ingest"].sequence, given.settings.final_fit)
+
+
+class ResultTask(StageTask):
+    stage, version, schema = "result", result.VERSION, Result
+
+    def requires(self) -> dict[str, StageTask]:
+        return {
+            "ingest": IngestTask(job=self.job),
+            "canonical_frame": CanonicalFrameTask(job=self.job),
+            "assessment": AssessmentTask(job=self.job),
+        }
+
+    @staticmethod
     def compute(inputs: Inputs, given: Given) -> Result:
         from stages.result.stage import compute_result
 
-        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
+        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence, inputs["assessment"])
 
     @staticmethod
     def files(output: Result, inputs: Inputs, given: Given) -> dict[str, bytes]:
@@ -231,15 +251,18 @@ class EvaluationTask(StageTask):
     stage, version, schema = "evaluation", evaluation.VERSION, Metrics
 
     def requires(self) -> dict[str, StageTask]:
-        return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
+        return {
+            "ingest": IngestTask(job=self.job),
+            "canonical_frame": CanonicalFrameTask(job=self.job),
+            "assessment": AssessmentTask(job=self.job),
+        }
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Metrics:
         from stages.evaluation.stage import compute_evaluation
 
-        return compute_evaluation(
-            inputs["canonical_frame"].model, inputs["ingest"], given.settings.evaluation, given.rng
-        )
+        model, settings = inputs["canonical_frame"].model, given.settings.evaluation
+        return compute_evaluation(model, inputs["ingest"], settings, given.rng, inputs["assessment"])
 
 
 class ReportTask(StageTask):
@@ -275,6 +298,7 @@ TASKS: tuple[type[StageTask], ...] = (
     MergingTask,
     FinalFitTask,
     CanonicalFrameTask,
+    AssessmentTask,
     ResultTask,
     ExportTask,
     EvaluationTask,

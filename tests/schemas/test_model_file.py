@@ -15,11 +15,12 @@ def test_model_json_survives_and_keeps_its_contract(samples):
     assert (content["format"], content["version"]) == ("rearticulate/model", 1)
     assert list(content) == [
         "format", "version", "json_sha256", "npz_sha256", "units", "frames", "canonical_frame", "root",
-        "parts", "joints",
+        "verdict", "parts", "joints",
     ]  # fmt: skip
     assert list(content["parts"][0]) == ["id", "name", "point_count"]
     assert list(content["joints"][0]) == [
-        "id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "confidence", "states",
+        "id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "confidence", "spread",
+        "states",
     ]  # fmt: skip
 
 

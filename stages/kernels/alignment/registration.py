@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.kernels.motion.rigid_motion import from_parts, move_points, rotations
-from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.nearest import KDTree, nearest, neighbours
 from stages.kernels.points.sampling import normals, point_spacing
 
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
@@ -193,9 +193,21 @@ class Registration:
         target = np.concatenate([target, np.arange(len(back))])
         distance = np.concatenate([distance, back_distance / self.spacings[t]])
         p = p[source]
-        return Pairs(
-            source, target, p, self._normals[t][target], (p - self.frames[t][target]) / self.spacing, distance
-        )
+        return Pairs(source, target, p, self._normals[t][target], (p - self.frames[t][target]) / self.spacing, distance)
+
+    def pair_costs(self, t: int, pairs: Pairs) -> Float64[np.ndarray, "pairs"]:
+        """What each pair of frame t costs, as `cost` counts it."""
+        offset = pairs.offset * (self.spacing / self.spacings[t])
+        return _match_cost(pairs.normal, offset, pairs.distance, self.truncation)
+
+    def own_costs(self, t: int) -> Float64[np.ndarray, "points"]:
+        """What the points of frame t cost against the nearest other one of the same frame.
+
+        Another sample of the same surface, with the same noise, costs as much.
+        """
+        distances, indices = neighbours(self.frames[t], 1)
+        offset = (self.frames[t] - self.frames[t][indices[:, 0]]) / self.spacings[t]
+        return _match_cost(self._normals[t][indices[:, 0]], offset, distances[:, 0] / self.spacings[t], self.truncation)
 
     def _matches(
         self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray
