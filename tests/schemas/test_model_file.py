@@ -168,6 +168,22 @@ def test_a_digest_tells_models_apart():
     assert same == again != other
 
 
+def test_a_digest_does_not_change_with_what_is_known_of_the_models_worth():
+    """Poses of models of earlier releases stay theirs."""
+    plain = ModelFile.model_validate(chain([(0, 1), (0, 2), (2, 3)]))
+    told = chain([(0, 1), (0, 2), (2, 3)]) | {"verdict": {"trust": "good", "reasons": []}}
+    told["joints"][0]["spread"] = {"direction": 0.01, "place": 0.2}
+    assert ModelFile.model_validate(told).digest == plain.digest
+
+
+@pytest.mark.parametrize("spread", [{"direction": -0.1}, {"place": float("nan")}, {"axis": 0.1}])
+def test_spreads_are_not_negative_and_known_by_name(spread):
+    content = chain([(0, 1), (0, 2), (2, 3)])
+    content["joints"][0]["spread"] = spread
+    with pytest.raises(ValidationError):
+        ModelFile.model_validate(content)
+
+
 def test_a_part_has_no_fewer_points_than_none():
     with pytest.raises(ValidationError, match="greater than or equal to 0"):
         ModelPart(id=0, name="part_0", point_count=-5)
