@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from jaxtyping import AbstractDtype, Float64, Int64, UInt8
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
+from schemas.assessment import Spread, Verdict
 from schemas.joints import JOINT_KINDS, JointKind, JointType, is_tree, parents_first
 from schemas.seal import sha256
 from schemas.sequence import LengthUnit
@@ -68,6 +69,7 @@ class ModelJoint(Schema):
     lower: Numbers
     upper: Numbers
     confidence: JointConfidence | None = None
+    spread: Spread | None = Field(default=None, description="of the axis at `point`")
     states: tuple[Numbers, ...]
 
     @property
@@ -132,13 +134,16 @@ class ModelFile(Schema):
     frames: int = Field(gt=0)
     canonical_frame: int = Field(ge=0)
     root: int = Field(ge=0)
+    verdict: Verdict | None = Field(default=None, description="how far the model can be trusted, and why")
     parts: tuple[ModelPart, ...]
     joints: tuple[ModelJoint, ...]
 
     @property
     def digest(self) -> str:
-        """A digest of the whole content of model.json, which identifies this model."""
-        return sha256(self.model_dump_json(exclude={"json_sha256", "npz_sha256"}).encode())[:16]
+        """A digest of the content of model.json, which identifies this model: all but how far it can be trusted."""
+        aside: dict[str, Any] = dict.fromkeys(("json_sha256", "npz_sha256", "verdict"), True)
+        aside["joints"] = {"__all__": {"spread"}}
+        return sha256(self.model_dump_json(exclude=aside).encode())[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
         """The joints, each after the joint that moves its parent part."""

@@ -25,7 +25,7 @@ from pipeline.cli.options import (
 from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
 from pipeline.results.delivery import MESHES, RECORD, check_target, deliver
-from pipeline.results.remarks import remarks
+from pipeline.results.remarks import remarks, verdicts
 from pipeline.run.launch import Outcome
 from pipeline.run.protocol import Request
 from pipeline.store import artifacts
@@ -123,7 +123,7 @@ def delivered_files(outcome: Outcome) -> dict[str, bytes]:
 
 
 def summarise(request: Request, outcome: Outcome, console: Console) -> None:
-    """Print the model, its residuals, and remarks for the user."""
+    """Print the model, its residuals, remarks for the user, and the verdict."""
     model = artifacts.read_manifest(directory_of(outcome, "result")).payload["model"]
     console.print(model_table(ModelFile.model_validate(model)))
     energies = artifacts.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
@@ -131,3 +131,6 @@ def summarise(request: Request, outcome: Outcome, console: Console) -> None:
     show(evaluation_of(request, outcome), console)
     for _, line in remarks(outcome):
         console.print(line, soft_wrap=True, markup=False)
+    for _, verdict in verdicts(outcome):
+        for line in (f"trust: {verdict.trust}", *(f"- {reason}" for reason in verdict.reasons)):
+            console.print(line, soft_wrap=True, markup=False)

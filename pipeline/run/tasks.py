@@ -13,6 +13,7 @@ from pipeline.run.isolated_luigi import luigi
 from pipeline.run.plugins import own_weights
 from pipeline.run.task import Given, Job, StageTask
 from schemas.alignment import Alignment
+from schemas.assessment import Assessment
 from schemas.config import ProjectionConfig
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
@@ -24,6 +25,7 @@ from schemas.robot import Robot
 from schemas.sequence import IngestedSequence, PointSequence
 from stages import (
     alignment,
+    assessment,
     canonical_frame,
     evaluation,
     export,
@@ -224,17 +226,35 @@ class CanonicalFrameTask(CommonTask):
         return choice.replace(model=in_own_coordinates(choice.model, inputs["alignment"]))
 
 
-class ResultTask(StageTask):
-    stage, version, schema = "result", result.VERSION, Result
+class AssessmentTask(StageTask):
+    stage, version, schema = "assessment", assessment.VERSION, Assessment
+    also = ("final_fit",)
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
     @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Assessment:
+        from stages.assessment.stage import compute_assessment
+
+        return compute_assessment(inputs["canonical_frame"].model, inputs["ingest"].sequence, given.settings.final_fit)
+
+
+class ResultTask(StageTask):
+    stage, version, schema = "result", result.VERSION, Result
+
+    def requires(self) -> dict[str, StageTask]:
+        return {
+            "ingest": IngestTask(job=self.job),
+            "canonical_frame": CanonicalFrameTask(job=self.job),
+            "assessment": AssessmentTask(job=self.job),
+        }
+
+    @staticmethod
     def compute(inputs: Inputs, given: Given) -> Result:
         from stages.result.stage import compute_result
 
-        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
+        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence, inputs["assessment"])
 
     @staticmethod
     def files(output: Result, inputs: Inputs, given: Given) -> dict[str, bytes]:
@@ -267,15 +287,18 @@ class EvaluationTask(StageTask):
     stage, version, schema = "evaluation", evaluation.VERSION, Metrics
 
     def requires(self) -> dict[str, StageTask]:
-        return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
+        return {
+            "ingest": IngestTask(job=self.job),
+            "canonical_frame": CanonicalFrameTask(job=self.job),
+            "assessment": AssessmentTask(job=self.job),
+        }
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Metrics:
         from stages.evaluation.stage import compute_evaluation
 
-        return compute_evaluation(
-            inputs["canonical_frame"].model, inputs["ingest"], given.settings.evaluation, given.rng
-        )
+        model, settings = inputs["canonical_frame"].model, given.settings.evaluation
+        return compute_evaluation(model, inputs["ingest"], settings, given.rng, inputs["assessment"])
 
 
 class ReportTask(StageTask):
@@ -312,6 +335,7 @@ TASKS: tuple[type[StageTask], ...] = (
     MergingTask,
     FinalFitTask,
     CanonicalFrameTask,
+    AssessmentTask,
     ResultTask,
     ExportTask,
     EvaluationTask,

@@ -17,12 +17,12 @@ from schemas.sequence import METRES
 from stages.export.geometry import Fused, cleaned, collision_meshes, fuse, part_mesh, vertex_colours
 from stages.export.inertia import Solid, about_axis, solid_of
 from stages.export.remarks import remarks
+from stages.final_fit.working import root_moves
 from stages.kernels.points.contact import next_to_contact
 from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
 from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, convex_hull
-from stages.rearticulation.mechanism import root_moves
 
 HOLLOW = 0.25  # a mesh that encloses a smaller share of its hull is an open shell; the hull then gives the mass
 LEAST_MASS = 1e-3  # of a link, as a share of the robot's mass, since large ratios make simulators unstable
@@ -108,7 +108,7 @@ def compute_export(
         root=model.root,
         free_base=free_base,
         density=config.density,
-        remarks=remarks(model, free_base, config.metres_per_unit, diagonal, sum(link.mass for link in links)),
+        remarks=remarks(model, config.metres_per_unit, diagonal, sum(link.mass for link in links)),
         links=links,
         joints=joints,
         meshes=tuple(entry for entry, _ in meshes),

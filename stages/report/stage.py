@@ -23,7 +23,15 @@ from stages.report.drawings import curves_svg, heat_svg, tree_svg
 from stages.report.figure import counted, draw
 from stages.report.residuals import part_residuals, sampling_floor
 from stages.report.scene import scene_data
-from stages.report.tables import figures_table, headline, joints_table, parts_table, sliders, true_joints_table
+from stages.report.tables import (
+    figures_table,
+    headline,
+    joints_table,
+    parts_table,
+    sliders,
+    true_joints_table,
+    verdict_box,
+)
 from stages.support.pictures import picture_bytes
 
 VIEWER = (  # the script's files in viewer/, in their order
@@ -87,6 +95,7 @@ def report_page(
         name=escape(name),
         facts=escape(_facts(model)),
         headline=headline(model, metrics),
+        verdict=verdict_box(model),
         remarks="".join(
             f'<p class="remark">{escape(remark)}</p>' for remark in (*remarks, *(robot.remarks if robot else ()))
         ),
@@ -113,8 +122,9 @@ def _sections(model: ModelFile, report: Report, metrics: Metrics | None) -> list
         f"{_section('Parts', '', parts_table(model))}</div>",
         _section(
             "Joints",
-            "Axis and point in the canonical frame's coordinates; the range is that of the fitted states, whose curve "
-            "marks the canonical frame. Sure: from 0, where another explanation is as good, to 1.",
+            "Axis and point in the canonical frame's coordinates, each with its spread: 68 % of the true ones lie "
+            "within one, 95 % within two. The range is that of the fitted states, whose curve marks the canonical "
+            "frame. Sure: from 0, where another explanation is as good, to 1.",
             joints_table(model),
         ),
         _section(

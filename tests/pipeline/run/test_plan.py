@@ -43,7 +43,7 @@ def test_every_sequence_is_a_job_and_every_stage_a_task(data):
 def test_a_final_fit_setting_changes_only_the_keys_from_the_final_fit_on(data):
     before, after = (labels(plan(request(data, settings))[0]) for settings in ((), ["final_fit.reach=0.5"]))
     changed = {label for label in before if before[label] != after[label]}
-    after_it = {"canonical_frame", "result", "export", "evaluation", "report"}
+    after_it = {"canonical_frame", "assessment", "result", "export", "evaluation", "report"}
     assert changed == {"final_fit[0]", "final_fit[1]", *after_it}
 
 
