@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,9 +18,16 @@ _log = logging.getLogger("rearticulate.ingest")
 
 
 def assembled(
-    frames: Sequence[Frame], truth: RawTruth | None, config: IngestConfig, units: LengthUnit, rng: np.random.Generator
+    frames: Sequence[Frame],
+    truth: Callable[[], RawTruth] | None,
+    config: IngestConfig,
+    units: LengthUnit,
+    rng: np.random.Generator,
 ) -> IngestedSequence:
-    """Clean the frames up and normalise them, and their truth with them."""
+    """Clean the frames up and normalise them, and their truth with them.
+
+    The truth is asked for last, so that what is wrong with a frame is told first.
+    """
     cleaned = clean(frames, config, rng)
     for remark in cleaned.remarks():
         _log.info(remark)
@@ -28,8 +35,8 @@ def assembled(
     sequence = sequence.replace(cleaned=cleaned.taken, remarks=cleaned.remarks())
     if truth is None:
         return IngestedSequence(sequence=sequence)
-    truth = truth.only(cleaned.kept)
-    return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, cleaned.frames, sequence))
+    kept_truth = truth().only(cleaned.kept)
+    return IngestedSequence(sequence=sequence, truth=normalise_truth(kept_truth, cleaned.frames, sequence))
 
 
 def every_frame(frames: Sequence[Frame], step: int) -> Sequence[Frame]:

@@ -72,8 +72,8 @@ class FileSource:
         frames = self._read(config, 1, rng)  # all frames, since the truth is for all
         kept = every_frame(frames, config.every)
         _hint_at_every(len(kept))
-        truth = read_truth(self.truth_path, [len(frame.points) for frame in frames]).every(config.every)
-        return assembled(kept, truth, config, units, rng)
+        truth_path, point_counts = self.truth_path, [len(frame.points) for frame in frames]
+        return assembled(kept, lambda: read_truth(truth_path, point_counts).every(config.every), config, units, rng)
 
     def _units(self, config: IngestConfig) -> LengthUnit:
         """The unit of the coordinates. Raises InputError where depth images are to be in another one than metres."""

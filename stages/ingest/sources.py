@@ -80,7 +80,8 @@ class DescribedSource(ABC):
             Frame(f"{self.name}[{index}]", of_frame, None if viewpoints is None else viewpoints[index])
             for index, of_frame in enumerate(points)
         ]
-        return assembled(every_frame(frames, config.every), truth.every(config.every), config, "metre", own_rng)
+        kept = every_frame(frames, config.every)
+        return assembled(kept, lambda: truth.every(config.every), config, "metre", own_rng)
 
 
 @dataclass(frozen=True)

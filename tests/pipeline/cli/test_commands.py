@@ -100,7 +100,7 @@ def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     result = reart("status", *DATA)
     assert result.exit_code == 0
     assert "box" in result.stdout
-    assert result.stdout.count("missing") == 12
+    assert result.stdout.count("missing") == 13
 
 
 @pytest.mark.parametrize(
