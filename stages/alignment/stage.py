@@ -26,7 +26,7 @@ from stages.support.progress import Progress, silent
 NEARBY_REACHES = (4.0, 3.0, 2.5, 2.0, 1.5, 1.5)
 LOOKED_AT = 12  # frames that tell whether coordinates are shared
 PROBED = 3  # of these, the ones in most doubt are registered
-UPRIGHT_DEGREES = 15.0  # by which the vertical of upright scans may differ
+UPRIGHT_DEGREES = 25.0  # by which the vertical of upright scans may differ
 CLEARLY_MORE = 0.25  # share by which a registration must beat the frames' own coordinates
 
 
