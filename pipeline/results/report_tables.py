@@ -22,6 +22,7 @@ from schemas.scores import (
 Score = SequenceScore | GroupScore
 
 QUALITY = (
+    "flagged",
     "oversplit",
     "ari",
     "told_share",
@@ -48,6 +49,8 @@ JOINTS_AND_COST = (
     "axis_distance_percent",
     "ball_centre_percent",
     "joint_type_accuracy",
+    "within_one",
+    "within_two",
     "confidence_auc",
     "seconds",
     "peak_memory_mib",
