@@ -60,7 +60,7 @@ COMPARED = {
         "parts_off",
         *(name for name in QUALITY if MEASURES[name].better and not name.endswith("_cm")),
     ),
-    "Joints and cost": ("joints_found", *JOINTS_AND_COST),
+    "Joints and cost": ("joints_found", *(name for name in JOINTS_AND_COST if MEASURES[name].better)),
 }
 MARKS = {"better": "▲", "worse": "▼", "same": "="}
 
