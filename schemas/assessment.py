@@ -38,8 +38,9 @@ class Evidence(Artifact):
     `excess` is what the posed model leaves of each frame, over what two clouds of one surface leave of each other by
     their sampling and noise alone. `unexplained` is the share of each frame's points that lie off the posed model. In
     the canonical frame they are 1 and 0. `firmness` is, for each part, the adjusted Rand index between the model's
-    labels and those in which this part has all points that it explains about as well as the part that has them.
-    `open_share` is the share of the points that any part so takes over.
+    labels and those in which this part has all points that it explains about as well as the part that has them. That of
+    all labels is 1 less what each part's falls short of 1. `open_share` is the share of the points that any part takes
+    over so.
     """
 
     excess: Annotated[Float64[np.ndarray, "frames"], Unit("1"), Within(0, 1e15)]

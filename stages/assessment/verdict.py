@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from schemas.assessment import Evidence, Spread, Trust, Verdict
-from schemas.kinematic import CONFIDENCES, KinematicModel
+from schemas.kinematic import KinematicModel
 
 # Thresholds were measured: benchmarks/README.md, "Spreads and verdicts".
 UNFITTED, UNFITTED_EXCESS = 0.2, 2.0  # a frame that leaves more points off the model, or more in all, is not fitted
 UNEXPLAINED = 0.03  # share of a frame's points off the model beyond which something is missing
-FIRM, LOOSE = 0.75, 0.4  # firmness of labels below which they are open, and below which the parts are a guess
+FIRM, LOOSE = 0.75, 0.3  # firmness of all labels below which they are open, and below which the parts are a guess
 SURE_OF_PARTS, SURE_OF_LINK, SURE_OF_TYPE = 0.5, 0.25, 0.5  # confidences below which a joint is uncertain
 WIDE = 10.0  # degrees; a direction that is known less exactly is uncertain
 NAMED = 3  # frames or joints that a sentence names at most
@@ -33,7 +33,7 @@ def verdict_on(
         *_of_labels(evidence),
         *_of_joints(model, spreads),
     ]
-    reasons = (*(sentence for _, sentence in found), _fit(evidence, model.canonical_frame))
+    reasons = (*(sentence for _, sentence in found), _misfit(evidence, model.canonical_frame))
     return Verdict(trust=TRUST[max((weight for weight, _ in found), default=0)], reasons=reasons)
 
 
@@ -60,39 +60,40 @@ def _of_residuals(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_labels(evidence: Evidence) -> Iterator[Reason]:
-    firmness = float(evidence.firmness.min(initial=1.0))
-    if firmness < FIRM:
-        parts = _listed([f"part_{part}" for part in np.flatnonzero(evidence.firmness < FIRM)])
+    losses = 1 - evidence.firmness
+    if 1 - losses.sum() < FIRM:
+        parts = _listed([f"part_{part}" for part in np.flatnonzero(losses > losses.max() / 2)])
         yield (
-            FAULT if firmness < LOOSE else DOUBT,
-            f"{100 * evidence.open_share:.0f} % of the points could belong to another part as well: where {parts} ends "
-            "is open, as nothing that was seen to move tells",
+            FAULT if 1 - losses.sum() < LOOSE else DOUBT,
+            f"{100 * evidence.open_share:.0f} % of the points fit another part's motion as well: where {parts} end is "
+            "a guess",
         )
 
 
 def _of_joints(model: KinematicModel, spreads: Sequence[Spread]) -> Iterator[Reason]:
     names = [f"joint_{a}_{b}" for a, b in zip(model.joint_parent, model.joint_child, strict=True)]
+
+    def at(joints: np.ndarray) -> str:
+        return "at " + _listed([names[joint] for joint in joints])
+
     if model.confidence is not None:
-        sentences = (
-            (SURE_OF_PARTS, "may be no joint: its parts move nearly as one"),
-            (SURE_OF_LINK, "may be misplaced: its child could hang on another part, or move more freely"),
-            (SURE_OF_TYPE, "may be of another type"),
+        doubts = (
+            (SURE_OF_PARTS, "no joint may be needed, as the parts move nearly as one"),
+            (SURE_OF_LINK, "the part may hang on another one, or move more freely"),
+            (SURE_OF_TYPE, "another type of joint may be right"),
         )
-        for column, (least, sentence) in enumerate(sentences):
-            unsure = np.flatnonzero(model.confidence[:, column] < least)
-            if len(unsure):
-                worst = model.confidence[unsure, column].min()
-                listed = _listed([names[joint] for joint in unsure])
-                yield DOUBT, f"{listed} {sentence} (confidence of {CONFIDENCES[column]} {worst:.2f})"
-    for name, spread in zip(names, spreads, strict=True):
-        if spread.direction is not None and np.degrees(spread.direction) > WIDE:
-            yield DOUBT, f"the axis of {name} is known to {np.degrees(spread.direction):.0f} degrees only"
+        for (least, doubt), confidence in zip(doubts, model.confidence.T, strict=True):
+            if (confidence < least).any():
+                yield DOUBT, f"{at(np.flatnonzero(confidence < least))} {doubt} (confidence {confidence.min():.2f})"
+    degrees = np.degrees([spread.direction or 0.0 for spread in spreads])
+    if (degrees > WIDE).any():
+        yield DOUBT, f"{at(np.flatnonzero(degrees > WIDE))} the axis is known to {degrees.max():.0f} degrees only"
 
 
-def _fit(evidence: Evidence, canonical_frame: int) -> str:
+def _misfit(evidence: Evidence, canonical_frame: int) -> str:
     others = np.delete(evidence.excess, canonical_frame)
-    excess = float(others.mean()) if len(others) else 1.0
-    return f"the model leaves {excess:.2f} times as much of the clouds as their sampling and noise do"
+    misfit = float(others.mean()) if len(others) else 1.0
+    return f"the misfit is {misfit:.2f} times what the clouds' sampling and noise alone cause"
 
 
 def _unfitted(evidence: Evidence) -> np.ndarray:

@@ -15,7 +15,7 @@ def test_the_true_model_is_good_and_its_joint_well_known(hinged):
 def test_a_cap_that_might_begin_anywhere_is_flagged(round_cap):
     assessment = compute_assessment(*round_cap, FinalFitConfig())
     assert assessment.verdict.trust == "poor"
-    assert "could belong to another part" in assessment.verdict.reasons[0]
+    assert "fit another part's motion as well" in assessment.verdict.reasons[0]
 
 
 def test_the_whole_may_move_in_front_of_the_camera(hinged, changed):
