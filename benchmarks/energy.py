@@ -19,7 +19,7 @@ from schemas.flow import Flow
 from schemas.relaxed import RECONSTRUCTION_ENERGIES, RelaxedModel
 from schemas.sequence import PointSequence
 from stages.flow.stage import compute_flow
-from stages.ingest.sources import file_source
+from stages.ingest.file_source import file_source
 from stages.ingest.stage import compute_ingest
 from stages.kernels.motion.rigid_motion import move_points
 from stages.relaxed_fit.reconstruction_energy import EnergyTerms, ReconstructionEnergy

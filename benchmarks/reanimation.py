@@ -38,9 +38,8 @@ from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
 from schemas.sequence import IngestedSequence
 from stages.evaluation.stage import reanimation_distances
-from stages.final_fit.working import Fit, to_model, working_frames
+from stages.final_fit.working import Fit, chain_of, root_moves, to_model, working_frames
 from stages.kernels.labelling.matching import match_parts
-from stages.rearticulation.mechanism import chain_of, root_moves
 
 DRAWS = 5  # of the given points; the first is the evaluation's own
 OVERLAP = 0.5  # least share of a part's points, found and true together, that are common to both where it is right

@@ -18,6 +18,7 @@ class Alignment(Artifact):
     """
 
     own_frames: bool
+    upright: bool = Field(description="whether all frames have the same vertical, but for some degrees: z")
     Ts_common_frame: Annotated[Float64[np.ndarray, "frames 4 4"], Unit("normalised"), Rigid()]
     shares: Annotated[Float64[np.ndarray, "frames"], Unit("share"), Within(0, 1)] = Field(
         description="share of a frame and of the reference frame that lie on each other in common coordinates"

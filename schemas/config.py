@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, Protocol, Self, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from schemas.joints import JointKind, JointType, joint_kind
 from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Settings, SwappablePart, common
@@ -17,6 +17,7 @@ from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Sett
 JOINT_SAMPLES = 60  # points of a part at which joints are judged
 CONTACT = 2.0  # point spacings within which sampled surfaces touch
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
+MOST_PIXELS = 10_000_000  # of the depth images of a frame: 1 GB while they are made
 
 
 class _Sampled(Protocol):
@@ -58,6 +59,12 @@ class DepthConfig(Settings):
     grazing_degrees: float = Field(
         default=80.0, gt=0, le=90, description="a surface turned farther from the camera than this returns nothing"
     )
+
+    @model_validator(mode="after")
+    def _check_pixels(self) -> Self:
+        if self.cameras * self.width * self.height > MOST_PIXELS:
+            raise ValueError(f"expected at most {MOST_PIXELS} pixels in all images of a frame")
+        return self
 
 
 class ArtefactsConfig(Settings):
@@ -169,6 +176,67 @@ class RegistrationConfig(Settings):
     points: int = Field(default=4096, ge=32, description="points per frame, sampled independently")
 
 
+class DepthImagesConfig(Settings):
+    """How depth images become points, in metres."""
+
+    units_per_metre: float = common(
+        default=1000.0, gt=0, le=1e9, description="steps of whole-numbered depth images in a metre; TUM's have 5000"
+    )
+    stride: int = Field(default=1, ge=1, le=1000, description="only every so many-th row and column is used")
+    farthest: float = Field(default=0.0, ge=0, description="pixels farther away, in metres, are left out; 0: none")
+
+
+class MeshConfig(Settings):
+    """How frames that are meshes become points."""
+
+    take: Literal["surface", "vertices"] = Field(
+        default="surface", description="of a mesh: points drawn from its surface by area, or its vertices"
+    )
+    points: int = common(
+        default=20_000, ge=32, le=10_000_000, description="points that are drawn from the surface of each mesh"
+    )
+    max_mib: float = Field(default=256.0, gt=0, le=65536, description="a mesh file that is larger is refused")
+
+
+def _box(corners: Corners) -> Corners:
+    if not all(low < high for low, high in zip(corners[:3], corners[3:], strict=True)):
+        raise ValueError("expected x, y and z of the least corner, then greater ones of the greatest")
+    return corners
+
+
+Corners = tuple[float, float, float, float, float, float]
+
+
+class CleanConfig(Settings):
+    """What is removed from every frame before all else. Everything is off by default."""
+
+    box: Annotated[Corners, AfterValidator(_box)] | None = common(
+        default=None,
+        description="keep only what lies in a box: x, y, z of its least corner, then of its greatest, in input units",
+    )
+    plane: bool = common(
+        default=False, description="remove the plane that the object stands on, and what lies beyond it"
+    )
+    plane_share: float = Field(
+        default=0.05, gt=0, lt=1, description="such a plane holds at least this share of the points"
+    )
+    outliers: float = common(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="remove points farther from their neighbours than the mean by so many standard deviations, "
+        "for example 2; 0: none",
+    )
+    neighbours: int = Field(default=20, ge=1, le=1000, description="neighbours that outliers are judged by")
+    specks: float = common(
+        default=0.0,
+        ge=0,
+        lt=1,
+        description="remove separate pieces with a smaller share of the points, for example 0.01; 0: none",
+    )
+    gap: float = Field(default=6.0, gt=0, description="pieces that are farther apart, in point spacings, are separate")
+
+
 class IngestConfig(Settings):
     """The source of the frames and how they are read."""
 
@@ -185,6 +253,12 @@ class IngestConfig(Settings):
         default=False,
         description="point i of a file's frames is the same surface point in all: sample each anew, and measure by it",
     )
+    viewpoint: tuple[float, float, float] | None = common(
+        default=None, description="where a camera stood that saw all frames: x, y, z in the input's coordinates"
+    )
+    depth: DepthImagesConfig = DepthImagesConfig()
+    mesh: MeshConfig = MeshConfig()
+    clean: CleanConfig = CleanConfig()
     roboart: RoboartConfig = RoboartConfig()
     humans: HumansConfig = HumansConfig()
     registrations: RegistrationConfig = RegistrationConfig()
@@ -379,9 +453,10 @@ class ProjectionConfig(Settings):
     contact: float = Field(
         default=CONTACT, ge=0, description="parts as near as so many point spacings touch: no E_spatial"
     )
-    root: Literal["still", "middle"] = common(
+    root: Literal["still", "middle", "ground"] = common(
         default="still",
-        description="the part that stands still, or the one in the middle of the body, as suits people and animals",
+        description="the part that stands still, the one in the middle of the body, as suits people and animals, or "
+        "the largest that reaches the ground (z is up), as in upright scans with coordinates of their own",
     )
     still: float = Field(
         default=2.0, ge=0, description="where every part moves more, in point spacings, the largest is the base"

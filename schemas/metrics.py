@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from schemas.artifact import Artifact, Schema
+from schemas.assessment import Trust
 
 
 class JointMetrics(Schema):
@@ -15,6 +16,12 @@ class JointMetrics(Schema):
     predicted_type: str | None = Field(description="None: no predicted joint links these two parts")
     axis_angle_deg: float | None = None
     axis_distance_percent: float | None = Field(default=None, description="% of the diagonal; None for prismatic")
+    direction_spread_deg: float | None = Field(default=None, description="what the model states for the axis angle")
+    place_percent: float | None = Field(
+        default=None,
+        description="distance of the joint's point from the true axis or centre, % of the diagonal; None for prismatic",
+    )
+    place_spread_percent: float | None = Field(default=None, description="what the model states for that distance")
     ball_centre_percent: float | None = Field(
         default=None, description="between the centres of two ball joints, % of the diagonal; None for other types"
     )
@@ -46,6 +53,7 @@ class Metrics(Artifact):
     canonical_frame: int
     parts_found: int
     chamfer_percent: float = Field(description="mean both-sided distance between model and frames")
+    trust: Trust | None = Field(default=None, description="the verdict on the model, which needs no ground truth")
     parts_true: int | None = Field(default=None, description="true parts that are seen")
     unseen_parts: tuple[str, ...] = Field(default=(), description="true parts that no frame shows; they do not count")
     ari: float | None = None

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from jaxtyping import AbstractDtype, Float64, Int64
+from jaxtyping import AbstractDtype, Float64, Int64, UInt8
 from pydantic import Field, model_validator
 
 from schemas.artifact import GREATEST, Artifact, Rigid, Schema, Unit, Within
+from schemas.assessment import Spread, Verdict
 from schemas.joints import JOINT_KINDS, JointKind, JointType, is_tree, parents_first
 from schemas.seal import sha256
 from schemas.sequence import LengthUnit
@@ -68,6 +69,7 @@ class ModelJoint(Schema):
     lower: Numbers
     upper: Numbers
     confidence: JointConfidence | None = None
+    spread: Spread | None = Field(default=None, description="of the axis at `point`")
     states: tuple[Numbers, ...]
 
     @property
@@ -118,6 +120,8 @@ class ModelJoint(Schema):
 class ModelFile(Schema):
     """The content of model.json. `model.npz` beside it holds canonical_points, labels and T_frame_canonical.
 
+    Where the scans have colours, it also holds `colours` of the canonical points.
+
     In version 2 canonical_points are 64-bit floats, because 32-bit floats cannot separate nearby points far from the
     origin. Files of earlier releases have no digests. Whoever edits a file by hand must remove its digest.
     """
@@ -130,13 +134,16 @@ class ModelFile(Schema):
     frames: int = Field(gt=0)
     canonical_frame: int = Field(ge=0)
     root: int = Field(ge=0)
+    verdict: Verdict | None = Field(default=None, description="how far the model can be trusted, and why")
     parts: tuple[ModelPart, ...]
     joints: tuple[ModelJoint, ...]
 
     @property
     def digest(self) -> str:
-        """A digest of the whole content of model.json, which identifies this model."""
-        return sha256(self.model_dump_json(exclude={"json_sha256", "npz_sha256"}).encode())[:16]
+        """A digest of the content of model.json, which identifies this model: all but how far it can be trusted."""
+        aside: dict[str, Any] = dict.fromkeys(("json_sha256", "npz_sha256", "verdict"), True)
+        aside["joints"] = {"__all__": {"spread"}}
+        return sha256(self.model_dump_json(exclude=aside).encode())[:16]
 
     def joints_from_root(self) -> list[ModelJoint]:
         """The joints, each after the joint that moves its parent part."""
@@ -179,6 +186,9 @@ class Result(Artifact):
     canonical_points: Annotated[Float32or64[np.ndarray, "points 3"], Unit("input")]
     labels: Annotated[Int64[np.ndarray, "points"], Unit("index"), Within(0, "parts")]
     T_frame_canonical: Annotated[Float64[np.ndarray, "frames parts 4 4"], Unit("input"), Rigid()]
+    colours: Annotated[UInt8[np.ndarray, "points 3"] | None, Unit("sRGB")] = Field(
+        default=None, description="red, green and blue of canonical_points, if the scans have colours"
+    )
 
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:

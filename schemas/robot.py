@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 from pydantic import Field
 
 from schemas.artifact import Artifact, Schema, Unit
@@ -81,6 +81,9 @@ class Robot(Artifact):
     meshes: tuple[RobotMesh, ...]
     vertices: Annotated[Float64[np.ndarray, "all_vertices 3"], Unit("metre")] = Field(description="in links' frames")
     triangles: Annotated[Int64[np.ndarray, "all_triangles 3"], Unit("index")] = Field(description="per mesh, from 0")
+    colours: Annotated[UInt8[np.ndarray, "visible_vertices 3"] | None, Unit("sRGB")] = Field(
+        default=None, description="of the vertices of the visible meshes, in their order, if the scans have colours"
+    )
     touching: Annotated[Int64[np.ndarray, "pairs 2"], Unit("index")] = Field(
         description="links whose collision meshes overlap in the canonical frame, and linked ones"
     )
@@ -91,6 +94,14 @@ class Robot(Artifact):
         vertices = np.split(self.vertices, np.cumsum([mesh.vertices for mesh in self.meshes]))
         triangles = np.split(self.triangles, np.cumsum([mesh.triangles for mesh in self.meshes]))
         return list(zip(self.meshes, vertices, triangles, strict=False))
+
+    def mesh_colours(self) -> list[UInt8[np.ndarray, "vertices 3"] | None]:
+        """The colours of each mesh's vertices; None for collision meshes, and without colours."""
+        if self.colours is None:
+            return [None for _ in self.meshes]
+        counts = [mesh.vertices if mesh.role == "visual" else 0 for mesh in self.meshes]
+        split = np.split(self.colours, np.cumsum(counts)[:-1]) if counts else []
+        return [of if mesh.role == "visual" else None for mesh, of in zip(self.meshes, split, strict=True)]
 
     def meshes_of(self, link: int, role: MeshRole) -> list[RobotMesh]:
         return [mesh for mesh in self.meshes if (mesh.link, mesh.role) == (link, role)]

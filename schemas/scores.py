@@ -41,6 +41,9 @@ class Figures(Schema):
     oversplit: Annotated[float | None, Measure("> 2 x parts", decimals=2, better="lower")] = Field(
         default=None, description="share of the sequences with more than twice the true number of parts"
     )
+    flagged: Annotated[float | None, Measure("flagged", decimals=2)] = Field(
+        default=None, description="share of the models whose verdict is not good"
+    )
     ari: Annotated[float | None, Measure("ARI", better="higher")] = None
     told_share: Annotated[float | None, Measure("told")] = Field(
         default=None, description="share of observable points, whose part the motion determines"
@@ -89,6 +92,14 @@ class Figures(Schema):
     )
     joint_type_accuracy: Annotated[float | None, Measure("joint types", better="higher")] = Field(
         default=None, description="share of the matched joints whose type is right"
+    )
+    within_one: Annotated[float | None, Measure("in 1 spread", decimals=2)] = Field(
+        default=None,
+        description="share of the matched joints' directions and places that are as near to the true ones as their "
+        "spread; 0.68 is meant",
+    )
+    within_two: Annotated[float | None, Measure("in 2 spreads", decimals=2)] = Field(
+        default=None, description="the same within two spreads; 0.95 is meant"
     )
     confidence_auc: Annotated[float | None, Measure("conf. AUC", better="higher")] = Field(
         default=None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64, Int64, UInt8
 from pydantic import Field, FiniteFloat, model_validator
 
 from schemas.artifact import Artifact, Rigid, Schema, Unit, Within
@@ -37,6 +37,9 @@ class PointSequence(Artifact):
     dropped_counts: Annotated[Int64[np.ndarray, "frames"], Unit("count"), Within(0, MOST_POINTS)] = Field(
         description="points of each input frame that were dropped: NaN, infinite, or a large number at one place"
     )
+    colours: Annotated[UInt8[np.ndarray, "all_points 3"] | None, Unit("sRGB")] = Field(
+        default=None, description="red, green and blue of each point, if the scans have colours"
+    )
     scale: float = Field(
         gt=0, allow_inf_nan=False, description="input units per normalised unit: the object's diagonal"
     )
@@ -49,6 +52,11 @@ class PointSequence(Artifact):
         default=None,
         description="positions of the cameras that saw each frame, in that frame's coordinates; None: unknown",
     )
+
+    cleaned: dict[str, tuple[int, ...]] = Field(
+        default_factory=dict, description="points of each input frame that each step of the clean-up took"
+    )
+    remarks: tuple[str, ...] = Field(default=(), description="remarks on the input for the user, one line each")
 
     @model_validator(mode="after")
     def _check_counts(self) -> Self:
@@ -75,6 +83,13 @@ class PointSequence(Artifact):
     def by_frame(self, values: np.ndarray) -> list[np.ndarray]:
         """Split values of all points, in the order of `points`, into one view per frame."""
         return np.split(values, np.cumsum(self.point_counts)[:-1])
+
+    def in_input(
+        self,
+    ) -> tuple[list[Float64[np.ndarray, "points 3"]], list[UInt8[np.ndarray, "points 3"]] | None]:
+        """The frames in the input's coordinates and units, and the colours of their points if known."""
+        colours = None if self.colours is None else self.by_frame(self.colours)
+        return [self.to_input(frame) for frame in self.frames()], colours
 
     def to_input(self, p_normalised: Float64[np.ndarray, "*batch 3"]) -> Float64[np.ndarray, "*batch 3"]:
         """Convert normalised coordinates to the input's coordinates and units."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from schemas.artifact import Artifact
+from schemas.assessment import Assessment, Evidence, Spread, Verdict
 from schemas.flow import Flow
 from schemas.kinematic import Candidate, CanonicalChoice, KinematicModel
 from schemas.metrics import JointMetrics, Metrics
@@ -125,6 +126,19 @@ def metrics() -> Metrics:
     )
 
 
+def assessment() -> Assessment:
+    return Assessment(
+        spreads=(Spread(direction=0.01, place=0.002), Spread(direction=0.02)),
+        evidence=Evidence(
+            excess=np.array([1.2, 1.0, 1.1]),
+            unexplained=np.array([0.1, 0.0, 0.01]),
+            firmness=np.array([1.0, 0.9, -0.1]),
+            open_share=0.3,
+        ),
+        verdict=Verdict(trust="poor", reasons=("30 % of the points could belong to another part",)),
+    )
+
+
 def result() -> Result:
     joint = ModelJoint(
         id=0,
@@ -191,6 +205,7 @@ def robot() -> Robot:
 
 SAMPLES: dict[str, Callable[[], Artifact]] = {
     "sequence": point_sequence,
+    "coloured_sequence": lambda: point_sequence().replace(colours=np.arange(36, dtype=np.uint8).reshape(12, 3)),
     "seen_sequence": lambda: point_sequence().replace(viewpoints=np.random.default_rng(5).normal(size=(FRAMES, 2, 3))),
     "truth": ground_truth,
     "ingested": lambda: IngestedSequence(sequence=point_sequence(), truth=ground_truth()),
@@ -207,6 +222,7 @@ SAMPLES: dict[str, Callable[[], Artifact]] = {
     "metrics": metrics,
     "result": result,
     "robot": robot,
+    "assessment": assessment,
     "report": lambda: Report(residuals=np.array([[0.0, 0.0], [0.5, 0.6], [0.4, 2.0]]), sampling=0.45),
 }
 

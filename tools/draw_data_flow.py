@@ -22,6 +22,7 @@ STAGES = {
     "result": (2, 2, "model.json, model.npz", "Result"),
     "export": (1, 2, "robot.urdf, robot.xml", "Robot"),
     "report": (0, 2, "report.html, report.png", "Report"),
+    "assessment": (3, 3, "spreads of joints, a verdict", "Assessment"),
     "evaluation": (2, 3, "metrics against the truth", "Metrics"),
 }
 STYLE = """
@@ -80,6 +81,8 @@ def picture() -> str:
     width, height = BOX
     above = ROWS[1] - 46  # where what the flow gives is handed on
     below = ROWS[2] - 26
+    between = (ROWS[2] + height + ROWS[3]) // 2
+    gap = (COLUMNS[2] + width + COLUMNS[3]) // 2
     parts = [
         f'<rect class="panel" width="{WIDTH}" height="{HEIGHT}" rx="8"/>',
         f'<rect class="group" x="10" y="{ROWS[1] - 32}" width="{WIDTH - 20}" height="{height + 48}" rx="10"/>',
@@ -130,11 +133,20 @@ def picture() -> str:
             (side("report", "top")[0], below),
             side("report", "top"),
         ),
+        arrow(side("canonical_frame", "bottom", 40), side("assessment", "top", 40)),
         arrow(
-            side("canonical_frame", "bottom"),
-            (side("canonical_frame", "bottom")[0], side("evaluation", "right")[1]),
-            side("evaluation", "right"),
+            side("canonical_frame", "bottom", -60),
+            (side("canonical_frame", "bottom", -60)[0], between),
+            (side("evaluation", "top", 60)[0], between),
+            side("evaluation", "top", 60),
         ),
+        arrow(
+            side("assessment", "left", -15),
+            (gap, side("assessment", "left", -15)[1]),
+            (gap, side("result", "right", 20)[1]),
+            side("result", "right", 20),
+        ),
+        arrow(side("assessment", "left", 15), side("evaluation", "right", 15)),
         arrow(
             side("evaluation", "left"),
             (side("report", "bottom")[0], side("evaluation", "left")[1]),

@@ -10,7 +10,7 @@ import typer
 from pipeline.cli.options import ModelArgument, SetOption, naming, writable_folder
 from pipeline.configuration.presets import load_config
 from pipeline.results.delivery import check_target, deliver
-from pipeline.results.model_folder import frames_of_model, read_model_folder
+from pipeline.results.model_folder import ingested_of_model, read_model_folder
 from schemas.errors import InputError
 
 FORMATS = ("urdf", "mjcf")
@@ -59,8 +59,9 @@ def export(
 
     with naming(model):
         check_exportable(result)
-    frames = frames_of_model(model, result)
-    robot = compute_export(result, frames, config, model.resolve().name)
+    ingested = ingested_of_model(model, result)
+    frames, colours = (None, None) if ingested is None else ingested.sequence.in_input()
+    robot = compute_export(result, frames, config, model.resolve().name, colours)
     files = WRITERS[to](robot)
     deliver(folder, files)
     what = f"{len(frames)} frames" if frames else "the canonical frame only"

@@ -18,13 +18,14 @@ from pipeline.cli.options import (
     dataset_config,
     follow,
     name_failures,
+    names,
     screen,
     writable_folder,
 )
 from pipeline.cli.run import evaluation_of, show
 from pipeline.cli.tables import model_table
 from pipeline.results.delivery import MESHES, RECORD, check_target, deliver
-from pipeline.results.remarks import remarks
+from pipeline.results.remarks import remarks, verdicts
 from pipeline.run.launch import Outcome
 from pipeline.run.protocol import Request
 from pipeline.store import artifacts
@@ -35,7 +36,9 @@ DATASET = "scans"
 
 
 def fit(
-    frames: Annotated[Path, typer.Argument(help="A folder of frames, or one .npy/.npz of shape (T, N, 3).")],
+    frames: Annotated[
+        Path, typer.Argument(help="A folder of frames, meshes or depth images, or one .npy/.npz of shape (T, N, 3).")
+    ],
     *,
     out: Annotated[
         Path, typer.Option(help="Where the model, robot.urdf and report.html go; artifacts go to its workdir/.")
@@ -43,6 +46,10 @@ def fit(
     preset: PresetOption = None,
     units: Annotated[
         str | None, typer.Option(help="The unit of the coordinates: m, cm or mm, or in words: millimetre.")
+    ] = None,
+    viewpoint: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Where the camera stood that saw all frames, in their coordinates."),
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="Ground truth to measure the model against.")] = None,
     own_frames: Annotated[
@@ -58,16 +65,22 @@ def fit(
     workers: WorkersOption,
     settings: SetOption,
 ) -> None:
-    """Fit a model to one sequence of point clouds.
+    """Fit a model to one sequence of point clouds, meshes or depth images.
 
     Examples:
 
     - `reart fit scans/lamp --out models/lamp --units metre`
 
     - `reart fit lamp.npz --out models/lamp --set final_fit.part_price=20`
+
+    - `reart fit scans/lamp --out models/lamp --set ingest.clean.plane=true --set ingest.clean.outliers=2`
     """
     coordinates = None if own_frames is None else "yes" if own_frames else "no"
-    options = {"--units": ("ingest.units", units), "--own-frames": ("alignment.own_frames", coordinates)}
+    options = {
+        "--units": ("ingest.units", units),
+        "--viewpoint": ("ingest.viewpoint", names(viewpoint)),
+        "--own-frames": ("alignment.own_frames", coordinates),
+    }
     config = dataset_config(DATASET, preset, [*settings, "ingest.source=files"], seed, joints, options)
     request = Request(
         dataset=DATASET,
@@ -84,8 +97,8 @@ def fit(
         files = delivered_files(outcome)
         deliver(out, files, obsolete=["metrics.json"])
         summarise(request, outcome, console)
-        names = dict.fromkeys(f"{MESHES}/" if name.startswith(f"{MESHES}/") else name for name in [*files, RECORD])
-        written = ", ".join(str(out / name) + "/" * name.endswith("/") for name in names)
+        shown = dict.fromkeys(f"{MESHES}/" if name.startswith(f"{MESHES}/") else name for name in [*files, RECORD])
+        written = ", ".join(str(out / name) + "/" * name.endswith("/") for name in shown)
         console.print(f"written in {time.perf_counter() - start:.1f} s: {written}", soft_wrap=True, markup=False)
     name_failures(outcome)
     raise typer.Exit(outcome.exit_code())
@@ -110,7 +123,7 @@ def delivered_files(outcome: Outcome) -> dict[str, bytes]:
 
 
 def summarise(request: Request, outcome: Outcome, console: Console) -> None:
-    """Print the model, its residuals, and remarks for the user."""
+    """Print the model, its residuals, remarks for the user, and the verdict."""
     model = artifacts.read_manifest(directory_of(outcome, "result")).payload["model"]
     console.print(model_table(ModelFile.model_validate(model)))
     energies = artifacts.read_manifest(directory_of(outcome, "canonical_frame")).payload["model"]["energies"]
@@ -118,3 +131,6 @@ def summarise(request: Request, outcome: Outcome, console: Console) -> None:
     show(evaluation_of(request, outcome), console)
     for _, line in remarks(outcome):
         console.print(line, soft_wrap=True, markup=False)
+    for _, verdict in verdicts(outcome):
+        for line in (f"trust: {verdict.trust}", *(f"- {reason}" for reason in verdict.reasons)):
+            console.print(line, soft_wrap=True, markup=False)

@@ -57,6 +57,13 @@ def pose(
             show_default="where it moved in the sequence",
         ),
     ] = None,
+    colours: Annotated[
+        str | None,
+        typer.Option(
+            help="The colours of the points of posed.ply: by part, or of the scan.",
+            show_default="scan where it has colours",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Pose a model by given joint states, or so that given points of it come closest to their targets.
@@ -76,6 +83,10 @@ def pose(
     if states is not None and free_base is not None:
         raise InputError("--free-base, --fixed-base: found with --states, expected with --targets; leave it out")
     result = read_model_folder(model)
+    if colours not in (None, "part", "scan"):
+        raise InputError(f"--colours: found {colours!r}, expected part or scan")
+    if colours == "scan" and result.colours is None:
+        raise InputError(f"--colours scan: {model} was fitted to scans without colours; take part")
     if out is not None:
         writable_folder(out, "--out")
     from pipeline.results.pose_files import pose_files, read_states, read_targets
@@ -90,7 +101,8 @@ def pose(
         with naming(states):
             posed = pose_by_states(result, given, T_pose_root, limits=limits is not False)
     if out is not None:
-        write_files(out, pose_files(posed.pose, posed.points(result), result.labels))
+        of_scan = None if colours == "part" else result.colours
+        write_files(out, pose_files(posed.pose, posed.points(result), result.labels, of_scan))
     if as_json:
         print(posed.pose.model_dump_json(indent=1))
     else:

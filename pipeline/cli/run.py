@@ -27,7 +27,7 @@ from pipeline.cli.options import (
 )
 from pipeline.cli.tables import screen_table
 from pipeline.results.evaluation_files import PAGES, default_folder, write_evaluation
-from pipeline.results.remarks import remarks
+from pipeline.results.remarks import remarks, verdicts
 from pipeline.results.report_tables import brief_tables
 from pipeline.run.launch import FAILED, Outcome
 from pipeline.run.protocol import Request
@@ -92,6 +92,9 @@ def conclude(request: Request, outcome: Outcome, console: Console, write: bool) 
     show(scores, console)
     for sequence, line in remarks(outcome):
         console.print(f"{sequence}: {line}", soft_wrap=True, markup=False)
+    for sequence, verdict in verdicts(outcome):
+        if verdict.trust != "good":
+            console.print(f"{sequence}: {verdict.trust}: {'; '.join(verdict.reasons)}", soft_wrap=True, markup=False)
     if write:
         folder = default_folder(request)
         write_evaluation(scores, request.workdir, folder)

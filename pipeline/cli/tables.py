@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
 from pipeline.results import report_tables
+from schemas.assessment import Spread
 from schemas.model_file import ModelFile, ModelJoint
 from schemas.sequence import LENGTH_SYMBOLS
 
@@ -16,15 +19,24 @@ COLOURS = {"better": "green", "worse": "red"}
 def model_table(model: ModelFile) -> Table:
     """A table with one row for each joint."""
     title = f"{len(model.parts)} part{'' if len(model.parts) == 1 else 's'}"
-    table = Table("joint", "parent", "child", "type", "axis", "range", title=title)
+    table = Table("joint", "parent", "child", "type", "axis", "range", "spread", title=title)
     for joint in model.joints:
         table.add_row(
             *map(escape, (joint.name, model.parts[joint.parent].name, model.parts[joint.child].name)),
             joint.type,
             " ".join(f"{value:.3f}" for value in joint.axis),
             observed_range(joint, LENGTH_SYMBOLS[model.units]),
+            spread(joint, LENGTH_SYMBOLS[model.units]),
         )
     return table
+
+
+def spread(joint: ModelJoint, length: str) -> str:
+    """Format how exactly a joint's axis is known: its direction in degrees, its place with the symbol of lengths."""
+    known = joint.spread or Spread()
+    direction = [] if known.direction is None else [f"{math.degrees(known.direction):.2g}°"]
+    place = [] if known.place is None else [f"{known.place:.2g} {length}"]
+    return ", ".join(direction + place)
 
 
 def observed_range(joint: ModelJoint, length: str) -> str:

@@ -7,7 +7,6 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 from pydantic import ValidationError
 
 from pipeline.store import artifacts
@@ -20,6 +19,7 @@ from schemas.sequence import IngestedSequence
 _log = logging.getLogger("rearticulate.model_folder")
 
 ARRAYS = ("canonical_points", "labels", "T_frame_canonical")
+OPTIONAL_ARRAYS = ("colours",)
 
 
 def read_model_folder(folder: Path) -> Result:
@@ -42,7 +42,8 @@ def read_model_folder(folder: Path) -> Result:
     if missing := [name for name in ARRAYS if name not in arrays]:
         raise InputError(f"{npz_path}: found no {missing[0]}, expected {', '.join(ARRAYS)}; fit the model anew")
     try:
-        result = Result(model=model, **{name: arrays[name] for name in ARRAYS})
+        found = {name: arrays[name] for name in (*ARRAYS, *OPTIONAL_ARRAYS) if name in arrays}
+        result = Result(model=model, **found)
     except ValidationError as error:
         raise InputError(f"{npz_path}: {first_fault(error)}; fit the model anew") from error
     if not len(result.labels):
@@ -84,14 +85,6 @@ def _read_model(path: Path, npz_digest: str) -> ModelFile:
             "take both files from one fit, or fit the model anew"
         )
     return model
-
-
-def frames_of_model(folder: Path, result: Result) -> list[Float64[np.ndarray, "_ 3"]] | None:
-    """The frames that a model was fitted to, in its coordinates; None if they are no longer available."""
-    ingested = ingested_of_model(folder, result)
-    if ingested is None:
-        return None
-    return [ingested.sequence.to_input(frame) for frame in ingested.sequence.frames()]
 
 
 def ingested_of_model(folder: Path, result: Result) -> IngestedSequence | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 from pydantic import ValidationError
 
 from pipeline.store.files import read_whole
@@ -54,9 +54,16 @@ def read_states(path: Path, model: ModelFile) -> tuple[dict[str, State], Float64
     return _by_suffix(path, {".csv": _states_of_csv, ".json": partial(_states_of_json, model=model)})
 
 
-def pose_files(pose: Pose, p: Points, labels: Int64[np.ndarray, "points"]) -> dict[str, bytes]:
-    """The bytes of pose.json and posed.ply."""
-    return {"pose.json": pose.model_dump_json(indent=1).encode() + b"\n", "posed.ply": _ply(p, labels)}
+def pose_files(
+    pose: Pose,
+    p: Points,
+    labels: Int64[np.ndarray, "points"],
+    colours: UInt8[np.ndarray, "points 3"] | None = None,
+) -> dict[str, bytes]:
+    """The bytes of pose.json and posed.ply, whose points have the given colours, or those of their parts."""
+    if colours is None:
+        colours = (255 * distinct_colours(int(labels.max()) + 1)).round().astype(np.uint8)[labels]
+    return {"pose.json": pose.model_dump_json(indent=1).encode() + b"\n", "posed.ply": _ply(p, labels, colours)}
 
 
 def _by_suffix(path: Path, readers: Mapping[str, Callable[[Path], Any]]) -> Any:
@@ -213,14 +220,13 @@ def _text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read as text ({one_line(error)}); save it as UTF-8") from error
 
 
-def _ply(p: Points, labels: Int64[np.ndarray, "points"]) -> bytes:
-    """Binary PLY with the part of each point and that part's colour."""
+def _ply(p: Points, labels: Int64[np.ndarray, "points"], colours: UInt8[np.ndarray, "points 3"]) -> bytes:
+    """Binary PLY with the part and the colour of each point."""
     kind = ("<f4", "float") if float32_holds(p) else ("<f8", "double")
     fields = [(axis, *kind) for axis in "xyz"]
     fields += [(colour, "u1", "uchar") for colour in ("red", "green", "blue")]
     fields += [("part", "<i4", "int")]
     records = np.zeros(len(p), dtype=[(name, dtype) for name, dtype, _ in fields])
-    colours = (255 * distinct_colours(int(labels.max()) + 1)).round()[labels]
     columns = np.concatenate([p, colours, labels[:, None]], axis=1)
     for (name, _, _), column in zip(fields, columns.T, strict=True):
         records[name] = column

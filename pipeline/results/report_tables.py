@@ -22,6 +22,7 @@ from schemas.scores import (
 Score = SequenceScore | GroupScore
 
 QUALITY = (
+    "flagged",
     "ari",
     "told_share",
     "ari_told",
@@ -48,6 +49,8 @@ JOINTS_AND_COST = (
     "axis_distance_percent",
     "ball_centre_percent",
     "joint_type_accuracy",
+    "within_one",
+    "within_two",
     "confidence_auc",
     "seconds",
     "peak_memory_mib",
@@ -57,7 +60,7 @@ COMPARED = {
         "parts_off",
         *(name for name in QUALITY if MEASURES[name].better and not name.endswith("_cm")),
     ),
-    "Joints and cost": ("joints_found", *JOINTS_AND_COST),
+    "Joints and cost": ("joints_found", *(name for name in JOINTS_AND_COST if MEASURES[name].better)),
 }
 MARKS = {"better": "▲", "worse": "▼", "same": "="}
 

@@ -12,7 +12,8 @@ from pipeline.run.task import Job, StageTask, upstream_first
 from pipeline.run.tasks import STAGES, final_tasks
 from pipeline.store.artifacts import ArtifactError, completed_at
 from schemas.errors import InputError, UnavailableError
-from stages.ingest.sources import DescribedSource, HumanSource, RoboartSource, Source, file_source, list_sources
+from stages.ingest.file_source import file_source
+from stages.ingest.sources import DescribedSource, HumanSource, RoboartSource, Source, list_sources
 from stages.ingest.truth import truth_files
 
 

@@ -13,6 +13,8 @@ from pipeline.run.isolated_luigi import luigi
 from pipeline.run.plugins import own_weights
 from pipeline.run.task import Given, Job, StageTask
 from schemas.alignment import Alignment
+from schemas.assessment import Assessment
+from schemas.config import ProjectionConfig
 from schemas.flow import Flow
 from schemas.kinematic import CanonicalChoice, KinematicModel
 from schemas.metrics import Metrics
@@ -23,6 +25,7 @@ from schemas.robot import Robot
 from schemas.sequence import IngestedSequence, PointSequence
 from stages import (
     alignment,
+    assessment,
     canonical_frame,
     evaluation,
     export,
@@ -82,6 +85,17 @@ def common_sequence(inputs: Inputs) -> PointSequence:
     from stages.alignment.coordinates import in_common_coordinates
 
     return in_common_coordinates(inputs["ingest"].sequence, inputs["alignment"])
+
+
+def projection_settings(inputs: Inputs, given: Given) -> ProjectionConfig:
+    """The settings of projection. In upright scans of their own coordinates, what stands on the ground is the root.
+
+    There nothing is known to stand still.
+    """
+    config = given.settings.projection
+    alignment = inputs["alignment"]
+    on_ground = alignment.own_frames and alignment.upright and config.root == "still"
+    return config.model_copy(update={"root": "ground"}) if on_ground else config
 
 
 class FlowTask(CommonTask):
@@ -150,7 +164,7 @@ class ProjectionTask(CandidateTask):
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
         from stages.projection.stage import compute_projection
 
-        return compute_projection(inputs["relaxed_fit"], common_sequence(inputs), given.settings.projection)
+        return compute_projection(inputs["relaxed_fit"], common_sequence(inputs), projection_settings(inputs, given))
 
 
 class MergingTask(CandidateTask):
@@ -165,7 +179,7 @@ class MergingTask(CandidateTask):
         from stages.merging.stage import compute_merging
 
         settings, sequence = given.settings, common_sequence(inputs)
-        return compute_merging(inputs["projection"], sequence, settings.merging, settings.projection)
+        return compute_merging(inputs["projection"], sequence, settings.merging, projection_settings(inputs, given))
 
 
 class FinalFitTask(CandidateTask):
@@ -212,17 +226,35 @@ class CanonicalFrameTask(CommonTask):
         return choice.replace(model=in_own_coordinates(choice.model, inputs["alignment"]))
 
 
-class ResultTask(StageTask):
-    stage, version, schema = "result", result.VERSION, Result
+class AssessmentTask(StageTask):
+    stage, version, schema = "assessment", assessment.VERSION, Assessment
+    also = ("final_fit",)
 
     def requires(self) -> dict[str, StageTask]:
         return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
 
     @staticmethod
+    def compute(inputs: Inputs, given: Given) -> Assessment:
+        from stages.assessment.stage import compute_assessment
+
+        return compute_assessment(inputs["canonical_frame"].model, inputs["ingest"].sequence, given.settings.final_fit)
+
+
+class ResultTask(StageTask):
+    stage, version, schema = "result", result.VERSION, Result
+
+    def requires(self) -> dict[str, StageTask]:
+        return {
+            "ingest": IngestTask(job=self.job),
+            "canonical_frame": CanonicalFrameTask(job=self.job),
+            "assessment": AssessmentTask(job=self.job),
+        }
+
+    @staticmethod
     def compute(inputs: Inputs, given: Given) -> Result:
         from stages.result.stage import compute_result
 
-        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence)
+        return compute_result(inputs["canonical_frame"].model, inputs["ingest"].sequence, inputs["assessment"])
 
     @staticmethod
     def files(output: Result, inputs: Inputs, given: Given) -> dict[str, bytes]:
@@ -241,9 +273,8 @@ class ExportTask(StageTask):
     def compute(inputs: Inputs, given: Given) -> Robot:
         from stages.export.stage import compute_export
 
-        sequence = inputs["ingest"].sequence
-        frames = [sequence.to_input(frame) for frame in sequence.frames()]
-        return compute_export(inputs["result"], frames, given.settings.export, given.source.name)
+        frames, colours = inputs["ingest"].sequence.in_input()
+        return compute_export(inputs["result"], frames, given.settings.export, given.source.name, colours)
 
     @staticmethod
     def files(output: Robot, inputs: Inputs, given: Given) -> dict[str, bytes]:
@@ -256,15 +287,18 @@ class EvaluationTask(StageTask):
     stage, version, schema = "evaluation", evaluation.VERSION, Metrics
 
     def requires(self) -> dict[str, StageTask]:
-        return {"ingest": IngestTask(job=self.job), "canonical_frame": CanonicalFrameTask(job=self.job)}
+        return {
+            "ingest": IngestTask(job=self.job),
+            "canonical_frame": CanonicalFrameTask(job=self.job),
+            "assessment": AssessmentTask(job=self.job),
+        }
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Metrics:
         from stages.evaluation.stage import compute_evaluation
 
-        return compute_evaluation(
-            inputs["canonical_frame"].model, inputs["ingest"], given.settings.evaluation, given.rng
-        )
+        model, settings = inputs["canonical_frame"].model, given.settings.evaluation
+        return compute_evaluation(model, inputs["ingest"], settings, given.rng, inputs["assessment"])
 
 
 class ReportTask(StageTask):
@@ -301,6 +335,7 @@ TASKS: tuple[type[StageTask], ...] = (
     MergingTask,
     FinalFitTask,
     CanonicalFrameTask,
+    AssessmentTask,
     ResultTask,
     ExportTask,
     EvaluationTask,

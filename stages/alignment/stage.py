@@ -26,6 +26,7 @@ from stages.support.progress import Progress, silent
 NEARBY_REACHES = (4.0, 3.0, 2.5, 2.0, 1.5, 1.5)
 LOOKED_AT = 12  # frames that tell whether coordinates are shared
 PROBED = 3  # of these, the ones in most doubt are registered
+UPRIGHT_DEGREES = 25.0  # by which the vertical of upright scans may differ
 CLEARLY_MORE = 0.25  # share by which a registration must beat the frames' own coordinates
 
 
@@ -37,9 +38,14 @@ def compute_alignment(sequence: PointSequence, config: AlignmentConfig, progress
     frames = sequence.frames()
     identity, all_of_it = np.tile(np.eye(4), (len(frames), 1, 1)), np.ones(len(frames))
     if config.own_frames == "no" or (config.own_frames == "auto" and _share_coordinates(frames, config)):
-        return Alignment(own_frames=False, Ts_common_frame=identity, shares=all_of_it)
+        return Alignment(own_frames=False, upright=False, Ts_common_frame=identity, shares=all_of_it)
     Ts, shares = _registered(Scans(frames, config.points), progress)
-    return Alignment(own_frames=True, Ts_common_frame=Ts, shares=shares)
+    return Alignment(own_frames=True, upright=_upright(Ts), Ts_common_frame=Ts, shares=shares)
+
+
+def _upright(Ts_common_frame: Float64[np.ndarray, "frames 4 4"]) -> bool:
+    """Whether scans were turned about the vertical only, but for some degrees, as apps that know gravity turn them."""
+    return bool((Ts_common_frame[:, 2, 2] > np.cos(np.radians(UPRIGHT_DEGREES))).all())
 
 
 class Scans:

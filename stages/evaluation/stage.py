@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from pykdtree.kdtree import KDTree
 from sklearn.metrics import adjusted_rand_score, rand_score
 
+from schemas.assessment import Assessment, Spread
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import JointMetrics, JointVerdict, Metrics
@@ -22,17 +25,22 @@ from stages.evaluation.true_motion import (
     since_canonical,
     true_positions,
 )
+from stages.final_fit.working import chain_of, contact_points, root_moves
 from stages.kernels.labelling.matching import match_parts
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.sampling import working_points
-from stages.rearticulation.mechanism import Mechanism, chain_of, root_moves
+from stages.rearticulation.mechanism import Mechanism
 from stages.rearticulation.solver import rearticulate
 
 OBSERVABLE = 0.1  # a part with a smaller share of observable points is not observable itself
 
 
 def compute_evaluation(
-    model: KinematicModel, ingested: IngestedSequence, config: EvaluationConfig, rng: np.random.Generator
+    model: KinematicModel,
+    ingested: IngestedSequence,
+    config: EvaluationConfig,
+    rng: np.random.Generator,
+    assessment: Assessment | None = None,
 ) -> Metrics:
     """Measure a model against its sequence and, where there is one, against the ground truth (A.9).
 
@@ -40,10 +48,12 @@ def compute_evaluation(
     the reanimation metric is given. Without ground truth only the Chamfer distance and the counts are known; where
     only the true surface is, also the errors of the motion. Points of no true part count for the Chamfer distance only.
     True parts that no frame shows are not counted. Where each frame has coordinates of its own, errors of motion are
-    measured after the rigid motion of the whole that is best in each frame.
+    measured after the rigid motion of the whole that is best in each frame. An `assessment` of the model is measured
+    too: its verdict and its joints' spreads go beside what they speak of.
     """
     sequence, truth = ingested.sequence, ingested.truth
     frames = sequence.frames()
+    spreads = () if assessment is None else assessment.spreads
     p_predicted = move_points(model.Ts_frame_canonical[:, model.labels], frames[model.canonical_frame])
     metrics = Metrics(
         units=sequence.units,
@@ -51,6 +61,7 @@ def compute_evaluation(
         canonical_frame=model.canonical_frame,
         parts_found=model.part_count,
         chamfer_percent=100 * chamfer_distance(p_predicted, frames),
+        trust=None if assessment is None else assessment.verdict.trust,
     )
     of_object = [ingested.of_object(t) for t in range(len(frames))]
     canonical = of_object[model.canonical_frame]
@@ -72,13 +83,14 @@ def compute_evaluation(
         labels[points] for labels, points in zip(sequence.by_frame(truth.labels), of_object, strict=True)
     ]
     p_canonical, labels_true = frames[model.canonical_frame], labels_of_frames[model.canonical_frame]
+    model = model.replace(point=contact_points(model, p_canonical))
     Ts_true = since_canonical(truth.Ts_frame_first, truth, model.canonical_frame)
     reanimation = reanimation_error(model, truth, labels_true, p_canonical, config.reanimation_iterations, rng)
     seen = seen_parts(labels_of_frames, len(truth.parent))
     joints = tuple(
         joint.model_copy(update={"travel_spacings": travel})
         for joint, travel, true in zip(
-            joint_errors(model, truth, labels_true),
+            joint_errors(model, truth, labels_true, spreads),
             joint_travels(truth, frames, labels_of_frames),
             truth.joints,
             strict=True,
@@ -177,16 +189,23 @@ def reanimation_distances(
 
 
 def joint_errors(
-    model: KinematicModel, truth: GroundTruth, labels_true: Int64[np.ndarray, "points"]
+    model: KinematicModel,
+    truth: GroundTruth,
+    labels_true: Int64[np.ndarray, "points"],
+    spreads: Sequence[Spread] = (),
 ) -> tuple[JointMetrics, ...]:
-    """Each true joint against the predicted joint, of either direction, between the parts matched to its own."""
+    """Each true joint against the predicted joint, of either direction, between the parts matched to its own.
+
+    `spreads`, normalised, are those of the predicted joints at their points.
+    """
     matched = match_parts(model.labels, labels_true)
     joint_of = {link: joint for joint, link in enumerate(_links(model))}
     errors = []
     for true in truth.joints:
         link = _matched_link(matched, true)
         if link in joint_of:
-            errors.append(_joint_error(model, joint_of[link], matched[true.parent], truth, true))
+            error = _joint_error(model, joint_of[link], matched[true.parent], truth, true)
+            errors.append(error.model_copy(update=_spread(spreads[joint_of[link]])) if spreads else error)
         else:
             errors.append(JointMetrics(name=true.name, true_type=true.type, predicted_type=None))
     return tuple(errors)
@@ -223,13 +242,14 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
     """One predicted joint against the true one, whose parent was matched to the predicted part `parent`."""
     predicted_type, kind = model.joint_types[joint], model.kinds[joint]
     if not (true.kind.has_axis and kind.has_axis):
+        balls = kind.is_ball and true.kind.is_ball
+        centre_distance = _centre_distance(model, joint, truth, true) if balls else None
         return JointMetrics(
             name=true.name,
             true_type=true.type,
             predicted_type=predicted_type,
-            ball_centre_percent=_centre_distance(model, joint, truth, true)
-            if kind.is_ball and true.kind.is_ball
-            else None,
+            ball_centre_percent=centre_distance,
+            place_percent=centre_distance,
             confidence=_confidence(model, joint),
         )
     T_canonical_first = truth.Ts_frame_first[model.canonical_frame, true.parent]
@@ -248,9 +268,18 @@ def _joint_error(model: KinematicModel, joint: int, parent: int, truth: GroundTr
         predicted_type=predicted_type,
         axis_angle_deg=float(np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, axis_true)), abs(axis @ axis_true)))),
         axis_distance_percent=100 * line_distance(axis, point, axis_true, point_true) if located else None,
+        place_percent=100 * float(np.linalg.norm(np.cross(point - point_true, axis_true))) if located else None,
         state_error=state_error,
         confidence=_confidence(model, joint),
     )
+
+
+def _spread(spread: Spread) -> dict[str, float | None]:
+    """The fields of `JointMetrics` for the spread of a predicted joint."""
+    return {
+        "direction_spread_deg": None if spread.direction is None else float(np.degrees(spread.direction)),
+        "place_spread_percent": None if spread.place is None else 100 * spread.place,
+    }
 
 
 def _centre_distance(model: KinematicModel, joint: int, truth: GroundTruth, true: TrueJoint) -> float:

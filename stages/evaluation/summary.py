@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -23,6 +23,7 @@ def figures_of(metrics: Metrics, costs: Mapping[str, StageCost]) -> Figures:
     counted = {
         "parts_off": None if metrics.parts_true is None else abs(metrics.parts_found - metrics.parts_true),
         "oversplit": None if metrics.parts_true is None else float(metrics.parts_found > 2 * metrics.parts_true),
+        "flagged": None if metrics.trust is None else float(metrics.trust != "good"),
         "joints_found": sum(joint.predicted_type is not None for joint in metrics.joints) if metrics.joints else None,
         "joints_true": len(metrics.joints) or None,
         "seconds": sum(cost.seconds for cost in costs.values()) if costs else None,
@@ -63,8 +64,21 @@ def _joint_figures(joints: Sequence[JointMetrics]) -> dict[str, float | None]:
         "axis_angle_mean_deg": _mean(joint.axis_angle_deg for joint in matched),
         "axis_distance_percent": _median(joint.axis_distance_percent for joint in matched),
         "ball_centre_percent": _mean(joint.ball_centre_percent for joint in matched),
+        "within_one": _mean(float(share <= 1) for share in _shares_of_spread(matched)),
+        "within_two": _mean(float(share <= 2) for share in _shares_of_spread(matched)),
         "joint_type_accuracy": _mean(float(joint.predicted_type == joint.true_type) for joint in matched),
     }
+
+
+def _shares_of_spread(joints: Iterable[JointMetrics]) -> Iterator[float]:
+    """The errors of directions and places in units of their spreads."""
+    for joint in joints:
+        for error, spread in (
+            (joint.axis_angle_deg, joint.direction_spread_deg),
+            (joint.place_percent, joint.place_spread_percent),
+        ):
+            if error is not None and spread is not None:
+                yield error / max(spread, 1e-12)
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

@@ -1,3 +1,3 @@
 """Export: a fitted model as a robot description that simulators load."""
 
-VERSION = 4  # raise it when the same input gives other results: what was made before is made anew
+VERSION = 5  # raise it when the same input gives other results: what was made before is made anew

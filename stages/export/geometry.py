@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 
 from schemas.config import ExportConfig
 from schemas.errors import InputError
@@ -19,18 +20,33 @@ from stages.support.open3d_use import needing_open3d
 
 LEAST_SPECK = 0.02  # a separate piece with a smaller share of a part's points is dropped
 COACD_TRIANGLES = 600
+COLOURED_BY = 4  # points that give a vertex its colour
 MOST_POINTS = 150_000  # in a whole description; more points are thinned evenly
 
 
-def fuse(
-    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, farthest: float
-) -> tuple[Float64[np.ndarray, "fused 3"], Int64[np.ndarray, "fused"]]:
-    """Fuse the points of all frames in the canonical frame's coordinates, and label them.
+@dataclass(frozen=True)
+class Fused:
+    """The points of all frames in the canonical frame's coordinates, their parts, and their colours if known."""
 
-    A point of another frame belongs to the part of the nearest canonical point, posed in that frame.
+    points: Float64[np.ndarray, "fused 3"]
+    labels: Int64[np.ndarray, "fused"]
+    colours: UInt8[np.ndarray, "fused 3"] | None = None
+
+
+def fuse(
+    result: Result,
+    frames: Sequence[Float64[np.ndarray, "_ 3"]] | None,
+    farthest: float,
+    colours: Sequence[UInt8[np.ndarray, "_ 3"]] | None = None,
+) -> Fused:
+    """Fuse the points of all frames, which have `colours` if given.
+
+    A point of another frame belongs to the part of the nearest canonical point, posed in that frame. Points farther
+    than `farthest` spacings from it are left out.
     """
     p = result.canonical_points.astype(np.float64)
     clouds, labels = [p], [result.labels]
+    painted = [] if result.colours is None else [result.colours]
     reach = farthest * point_spacing(p)
     for t, frame in enumerate(frames or ()):
         if t == result.model.canonical_frame:
@@ -40,9 +56,23 @@ def fuse(
         here, close = result.labels[index], distance <= reach
         clouds.append(move_points(np.linalg.inv(Ts)[here[close]], frame[close]))
         labels.append(here[close])
+        if colours is not None:
+            painted.append(colours[t][close])
     fused = np.concatenate(clouds)
     thinned = slice(None, None, -(-len(fused) // MOST_POINTS))
-    return fused[thinned], np.concatenate(labels)[thinned]
+    known = len(painted) == len(clouds)
+    return Fused(fused[thinned], np.concatenate(labels)[thinned], np.concatenate(painted)[thinned] if known else None)
+
+
+def vertex_colours(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    points: Float64[np.ndarray, "points 3"],
+    colours: UInt8[np.ndarray, "points 3"],
+) -> UInt8[np.ndarray, "vertices 3"]:
+    """The mean colour of the points nearest to each vertex."""
+    count = min(COLOURED_BY, len(points))
+    near = KDTree(points).query(np.ascontiguousarray(vertices), k=count)[1].reshape(len(vertices), count)
+    return np.rint(colours[near].mean(axis=1)).astype(np.uint8)
 
 
 def cleaned(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "kept 3"]:

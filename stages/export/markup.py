@@ -1,4 +1,4 @@
-"""Output that URDF and MJCF share: numbers as text, indented XML, and meshes as binary STL."""
+"""Output that URDF and MJCF share: numbers as text, indented XML, and meshes as binary STL or coloured OBJ."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 
 from schemas.robot import Robot
 
@@ -32,8 +32,25 @@ def document(root: ET.Element, robot: Robot) -> bytes:
 
 
 def mesh_files(robot: Robot) -> dict[str, bytes]:
-    """Every mesh as a binary STL file, in its link's frame."""
-    return {mesh.file: stl(vertices, triangles) for mesh, vertices, triangles in robot.geometry()}
+    """Every mesh in its link's frame: as binary STL, or as OBJ where its vertices have colours."""
+    return {
+        mesh.file: stl(vertices, triangles) if colours is None else obj(vertices, triangles, colours)
+        for (mesh, vertices, triangles), colours in zip(robot.geometry(), robot.mesh_colours(), strict=True)
+    }
+
+
+def obj(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    colours: UInt8[np.ndarray, "vertices 3"],
+) -> bytes:
+    """OBJ with red, green and blue from 0 to 1 after the coordinates of each vertex, as MeshLab and others write it."""
+    rows = [
+        "v {:.9g} {:.9g} {:.9g} {:.4g} {:.4g} {:.4g}\n".format(*p, *colour)
+        for p, colour in zip(vertices.tolist(), (colours / 255).tolist(), strict=True)
+    ]
+    faces = ["f {} {} {}\n".format(*corners) for corners in (triangles + 1).tolist()]
+    return "".join(rows + faces).encode()
 
 
 def stl(vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]) -> bytes:

@@ -95,4 +95,4 @@ def _position(joint: RobotJoint, t: int) -> list[float]:
 
 
 def _stem(file: str) -> str:
-    return file.rpartition("/")[2].removesuffix(".stl")
+    return file.rpartition("/")[2].rpartition(".")[0]

@@ -1,4 +1,4 @@
-"""Remarks on a description for the user: nothing moves in it, or its unit is probably wrong."""
+"""Remarks on a description for the user: its unit is probably wrong."""
 
 from __future__ import annotations
 
@@ -9,21 +9,11 @@ HEAVIEST = 1e5  # kg
 SAY = "say the unit by --units, or by --scale when exporting"
 
 
-def remarks(
-    model: ModelFile, free_base: bool, metres_per_unit: float | None, size: float, mass: float
-) -> tuple[str, ...]:
+def remarks(model: ModelFile, metres_per_unit: float | None, size: float, mass: float) -> tuple[str, ...]:
     """The remarks on a model, one line each. `metres_per_unit` is the setting; size and mass are in m and kg."""
-    found = []
-    if not model.joints and free_base:
-        found.append("no joints were found: the object moves as one rigid part")
-    elif not model.joints:
-        found.append(
-            "nothing moved: one rigid part and no joints were found; "
-            "the object may be rigid, or move by less than the spacing of its points"
-        )
-    if not SMALLEST <= size <= LARGEST or mass > HEAVIEST:
-        found.append(f"{_unit(model, metres_per_unit)}: the robot is {size:.3g} m long and {mass:.3g} kg heavy; {SAY}")
-    return tuple(found)
+    if SMALLEST <= size <= LARGEST and mass <= HEAVIEST:
+        return ()
+    return (f"{_unit(model, metres_per_unit)}: the robot is {size:.3g} m long and {mass:.3g} kg heavy; {SAY}",)
 
 
 def _unit(model: ModelFile, metres_per_unit: float | None) -> str:

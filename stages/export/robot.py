@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, UInt8
 
 from schemas.config import ExportConfig
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelJoint, Result, Vector
 from schemas.robot import MeshRole, Robot, RobotJoint, RobotLink, RobotMesh, SolidKind
 from schemas.sequence import METRES
-from stages.export.geometry import cleaned, collision_meshes, fuse, part_mesh
+from stages.export.geometry import Fused, cleaned, collision_meshes, fuse, part_mesh, vertex_colours
 from stages.export.inertia import Solid, about_axis, solid_of
 from stages.export.remarks import remarks
+from stages.final_fit.working import root_moves
 from stages.kernels.points.contact import next_to_contact
 from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
 from stages.kernels.points.sampling import point_spacing
 from stages.kernels.surfaces.meshing import Mesh, convex_hull
-from stages.rearticulation.mechanism import root_moves
 
 HOLLOW = 0.25  # a mesh that encloses a smaller share of its hull is an open shell; the hull then gives the mass
 LEAST_MASS = 1e-3  # of a link, as a share of the robot's mass, since large ratios make simulators unstable
@@ -32,11 +32,15 @@ LEAST_RANGE = 0.01  # of a joint, in radians or as a share of the diagonal; simu
 
 @dataclass(frozen=True)
 class Body:
-    """One part's shape in the canonical frame's coordinates. A part without points has no mesh."""
+    """One part's shape in the canonical frame's coordinates. A part without points has no mesh.
+
+    `colours` are those of the visible mesh's vertices, if known.
+    """
 
     points: Float64[np.ndarray, "points 3"]
     visual: Mesh | None
     collision: list[Mesh]
+    colours: UInt8[np.ndarray, "vertices 3"] | None = None
 
     def placed(self, scale: float, origin: Float64[np.ndarray, "3"]) -> Body:
         """Return the body scaled, then moved by `origin`."""
@@ -44,7 +48,7 @@ class Body:
             Mesh(mesh.vertices * scale + origin, mesh.triangles) if mesh else None
             for mesh in (self.visual, *self.collision)
         )
-        return Body(self.points * scale + origin, visual, [mesh for mesh in collision if mesh])
+        return Body(self.points * scale + origin, visual, [mesh for mesh in collision if mesh], self.colours)
 
     def solid(self) -> tuple[Solid, SolidKind]:
         """The solid that has the part's mass: the inside of its mesh, or of its hull if the mesh is an open shell."""
@@ -57,26 +61,30 @@ class Body:
 
 
 def compute_export(
-    result: Result, frames: Sequence[Float64[np.ndarray, "_ 3"]] | None, config: ExportConfig, name: str
+    result: Result,
+    frames: Sequence[Float64[np.ndarray, "_ 3"]] | None,
+    config: ExportConfig,
+    name: str,
+    colours: Sequence[UInt8[np.ndarray, "_ 3"]] | None = None,
 ) -> Robot:
     """Describe a model as a robot. `frames`, in the input's coordinates, make its meshes denser if given.
+
+    `colours` are those of the frames' points; visible meshes have colours where all points have some.
 
     Raises InputError for a model that cannot be described.
     """
     model = result.model
     check_exportable(result)
     scale = config.metres_per_unit or METRES.get(model.units, 1.0)
-    fused, labels = fuse(result, frames, config.farthest)
+    cloud = fuse(result, frames, config.farthest, colours)
     space = Normalisation.of(result.canonical_points)
     middle, diagonal = result.canonical_points.astype(np.float64).mean(axis=0), space.scale
-    fused = (fused - middle) / diagonal  # the same meshes in any unit
+    cloud = replace(cloud, points=(cloud.points - middle) / diagonal)  # the same meshes in any unit
     middle, diagonal = middle * scale, diagonal * scale
     # lengths below are relative to the root's origin, since meshes hold 32-bit floats
     root_origin = np.zeros(3) if float32_holds(scale * result.canonical_points) else middle
-    radius = config.reach * point_spacing(fused)
-    bodies = [
-        _body(fused[labels == part.id], radius, config).placed(diagonal, middle - root_origin) for part in model.parts
-    ]
+    radius = config.reach * point_spacing(cloud.points)
+    bodies = [_body(cloud, part.id, radius, config).placed(diagonal, middle - root_origin) for part in model.parts]
     order = model.joints_from_root()
     origins = np.zeros((len(bodies), 3))
     for joint in order:
@@ -100,12 +108,13 @@ def compute_export(
         root=model.root,
         free_base=free_base,
         density=config.density,
-        remarks=remarks(model, free_base, config.metres_per_unit, diagonal, sum(link.mass for link in links)),
+        remarks=remarks(model, config.metres_per_unit, diagonal, sum(link.mass for link in links)),
         links=links,
         joints=joints,
         meshes=tuple(entry for entry, _ in meshes),
         vertices=np.concatenate([np.zeros((0, 3))] + [mesh.vertices - origins[entry.link] for entry, mesh in meshes]),
         triangles=np.concatenate([np.zeros((0, 3), dtype=np.int64)] + [mesh.triangles for _, mesh in meshes]),
+        colours=_colours(bodies),
         touching=_touching(model, bodies),
         T_frame_root=T_frame_root,
     )
@@ -117,10 +126,20 @@ def check_exportable(result: Result) -> None:
         raise InputError("canonical_points: found one place only, expected points on a surface; fit the model anew")
 
 
-def _body(points: Float64[np.ndarray, "points 3"], least_radius: float, config: ExportConfig) -> Body:
-    points = cleaned(points)
-    visual = part_mesh(points, least_radius, config) if len(points) else None
-    return Body(points, visual, collision_meshes(visual, config) if visual else [])
+def _body(cloud: Fused, part: int, least_radius: float, config: ExportConfig) -> Body:
+    own = cloud.labels == part
+    points = cleaned(cloud.points[own])
+    if not len(points):
+        return Body(points, None, [])
+    visual = part_mesh(points, least_radius, config)
+    colours = None if cloud.colours is None else vertex_colours(visual.vertices, cloud.points[own], cloud.colours[own])
+    return Body(points, visual, collision_meshes(visual, config), colours)
+
+
+def _colours(bodies: list[Body]) -> UInt8[np.ndarray, "vertices 3"] | None:
+    """The colours of all visible meshes' vertices, if known."""
+    colours = [body.colours for body in bodies if body.colours is not None]
+    return np.concatenate(colours) if colours else None
 
 
 def _links(
@@ -244,11 +263,11 @@ def _load(piece: _Piece, moved: list[tuple[RobotLink, Float64[np.ndarray, "3 3"]
 def _meshes(model: ModelFile, bodies: list[Body]) -> list[tuple[RobotMesh, Mesh]]:
     meshes: list[tuple[RobotMesh, Mesh]] = []
 
-    def add(link: int, role: MeshRole, stem: str, mesh: Mesh) -> None:
+    def add(link: int, role: MeshRole, stem: str, mesh: Mesh, suffix: str = ".stl") -> None:
         entry = RobotMesh(
             link=link,
             role=role,
-            file=f"meshes/{stem}.stl",
+            file=f"meshes/{stem}{suffix}",
             vertices=len(mesh.vertices),
             triangles=len(mesh.triangles),
             closed=mesh.closed,
@@ -257,7 +276,7 @@ def _meshes(model: ModelFile, bodies: list[Body]) -> list[tuple[RobotMesh, Mesh]
 
     for part, body in zip(model.parts, bodies, strict=True):
         if body.visual is not None:
-            add(part.id, "visual", f"part_{part.id}", body.visual)
+            add(part.id, "visual", f"part_{part.id}", body.visual, ".stl" if body.colours is None else ".obj")
         for rank, mesh in enumerate(body.collision):
             number = f"_{rank}" if len(body.collision) > 1 else ""
             add(part.id, "collision", f"part_{part.id}_collision{number}", mesh)

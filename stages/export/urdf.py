@@ -53,7 +53,7 @@ def _add_link(root: ET.Element, robot: Robot, index: int, link: RobotLink) -> No
             shape = ET.SubElement(element, role)
             ET.SubElement(shape, "origin", xyz=numbers(offset) if offset.any() else "0 0 0", rpy="0 0 0")
             ET.SubElement(ET.SubElement(shape, "geometry"), "mesh", filename=mesh.file)
-            if role == "visual":
+            if role == "visual" and robot.colours is None:  # a material would hide the mesh's own colours
                 ET.SubElement(shape, "material", name=f"colour_{index}")
 
 

@@ -84,8 +84,28 @@ def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, 
     A part that is part of the tree holds at least `min_share` of the points: where cuts leave it fewer, because its
     neighbours' motions explain its points as well, it gets those which that costs least.
     """
-    Ts = fit.chain.Ts
     p, labels = fuse(fit, frames, fused_frames)
+    problem = label_problem(fit, frames, p, labels, boundary_price)
+    least = min_share * len(p)
+    for unseen in np.setdiff1d(np.arange(fit.chain.parts), labels):
+        labels = problem.grow(labels, int(unseen), least)
+    for part_ in range(fit.chain.parts):
+        labels = problem.expand(labels, part_)
+    for _ in range(3):  # what one part is given, another may have lost
+        for part_ in range(fit.chain.parts):
+            labels = problem.grow(labels, part_, least)
+    return Fit(fit.chain, problem.with_every_part(labels, len(frames.p)))
+
+
+def label_problem(
+    fit: Fit,
+    frames: Frames,
+    p: Float64[np.ndarray, "points 3"],
+    labels: Int64[np.ndarray, "points"],
+    boundary_price: float,
+) -> LabelProblem:
+    """What points of the canonical frame cost with the parts that each may belong to, and the prices of their edges."""
+    Ts = fit.chain.Ts
     graph = surface_graph(p, SURFACE_NEIGHBOURS)
     may = _candidates(fit, labels, graph.crossings(labels)[0])[labels]
     looked_at = list(_spread(frames, FIRST_LOOK))
@@ -97,16 +117,7 @@ def relabel(fit: Fit, frames: Frames, fused_frames: int, boundary_price: float, 
         return motion_cost(frames.registration, p, point, part, Ts)
 
     costs = _among(np.isfinite(_among(may, labels, gross)), labels, exact)
-    problem = LabelProblem(costs, graph.edges, boundary_price * smoothness_weights(p, graph))
-    least = min_share * len(p)
-    for unseen in np.setdiff1d(np.arange(fit.chain.parts), labels):
-        labels = problem.grow(labels, int(unseen), least)
-    for part_ in range(fit.chain.parts):
-        labels = problem.expand(labels, part_)
-    for _ in range(3):  # what one part is given, another may have lost
-        for part_ in range(fit.chain.parts):
-            labels = problem.grow(labels, part_, least)
-    return Fit(fit.chain, problem.with_every_part(labels, len(frames.p)))
+    return LabelProblem(costs, graph.edges, boundary_price * smoothness_weights(p, graph))
 
 
 def _among(

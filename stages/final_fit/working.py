@@ -17,6 +17,7 @@ from stages.kernels.alignment.registration import Registration
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint, nearest_point_to_origin
 from stages.kernels.motion.rigid_motion import inverse, move_points
+from stages.kernels.points.contact import next_to_contact
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points, working_points
 from stages.projection.stage import part_samples
@@ -155,6 +156,16 @@ def contact_place(
     return 0.5 * (p_parent[index[closest]] + p_child[closest])
 
 
+def contact_points(model: KinematicModel, p: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "joints 3"]:
+    """The point of each joint's axis next to where its parts touch; the centre of a joint without an axis."""
+    points = model.point.copy()
+    for joint, kind in enumerate(model.kinds):
+        if kind.has_axis:
+            parent, child = (p[model.labels == end[joint]] for end in (model.joint_parent, model.joint_child))
+            points[joint] = next_to_contact(parent, child, model.axis[joint], model.point[joint])
+    return points
+
+
 def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
     """The fitted tree as a model, every canonical point labelled as the working point nearest to it."""
     chain, tree = fit.chain, fit.chain.tree
@@ -175,6 +186,22 @@ def to_model(model: KinematicModel, fit: Fit, frames: Frames) -> KinematicModel:
         e_spatial=np.zeros(joints),
         e_1dof=np.zeros(joints),
     )
+
+
+def chain_of(model: KinematicModel, free_root: bool) -> Chain:
+    """The chain of a kinematic model. Its root stays where it is in the canonical frame unless it is free."""
+    joints = [
+        Joint(kind, int(parent), int(child), axis, point, model.states_of(index))
+        for index, (kind, parent, child, axis, point) in enumerate(
+            zip(model.kinds, model.joint_parent, model.joint_child, model.axis, model.point, strict=True)
+        )
+    ]
+    return Chain.of(joints, model.root, model.Ts_frame_canonical[:, model.root], free_root)
+
+
+def root_moves(T_frame_root: Float64[np.ndarray, "frames 4 4"]) -> bool:
+    """Whether a root, in the normalised frame, is elsewhere in some frame than in the canonical one."""
+    return not np.allclose(T_frame_root, np.eye(4), atol=1e-6)
 
 
 def _travel(Ts: Float64[np.ndarray, "frames 4 4"], p: Float64[np.ndarray, "points 3"]) -> float:

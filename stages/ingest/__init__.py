@@ -1,3 +1,3 @@
 """Ingest: convert files or a data set to a normalised sequence of frames with known scale and centre."""
 
-VERSION = 1  # raise it when the same input gives other results: what was made before is made anew
+VERSION = 2  # raise it when the same input gives other results: what was made before is made anew

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from pykdtree.kdtree import KDTree
 
-from schemas.config import IngestConfig
+from schemas.config import CleanConfig, IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence, LengthUnit
 from stages.ingest.formats.triangles import file_triangles
@@ -44,6 +44,8 @@ def read_corresponding(
     """
     if truth is not None:
         _log.warning("%s: left out, since the points' correspondence stands for the truth (ingest.correspond)", truth)
+    if config.clean != CleanConfig():
+        _log.warning("%s: not cleaned up (ingest.clean), since its points correspond (ingest.correspond)", path)
     frames = read_frames(path, 1, config.max_points)
     chosen = [frames[index] for index in chosen_frames(len(frames), config, str(path))]
     first = chosen[0]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stages.ingest.formats.rows import Points
+from stages.ingest.formats.cloud import Points
 from stages.kernels.points.quantisation import coarseness, quantisation_step
 
 _log = logging.getLogger("rearticulate.ingest")

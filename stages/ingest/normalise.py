@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from schemas.artifact import GREATEST
 from schemas.config import IngestConfig
@@ -14,7 +14,7 @@ from schemas.errors import InputError
 from schemas.sequence import GroundTruth, LengthUnit, PointSequence, TrueJoint
 from stages.ingest.digits import warn_of_lost_digits
 from stages.ingest.dropping import dropped_message, kept_points
-from stages.ingest.formats.rows import Points
+from stages.ingest.formats.cloud import Colours, Points
 from stages.ingest.readers import Frame
 from stages.ingest.truth import RawTruth, check_truth
 
@@ -39,7 +39,8 @@ def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) 
     Raises InputError, naming the frame, for viewpoints in differing numbers, for too few valid points, for points that
     are all equal, for coordinates that overflow, and for sizes that only mixed units explain.
     """
-    kept = [frame.points[kept_points(frame)] for frame in frames]
+    masks = [kept_points(frame) for frame in frames]
+    kept = [frame.points[mask] for frame, mask in zip(frames, masks, strict=True)]
     for frame, points in zip(frames, kept, strict=True):
         _check_frame(frame, points, config.min_points)
     lowest = np.array([points.min(axis=0) for points in kept])
@@ -56,12 +57,24 @@ def normalise(frames: Sequence[Frame], config: IngestConfig, units: LengthUnit) 
         points=(np.concatenate(kept) - centre) / scale,
         point_counts=np.array([len(points) for points in kept], dtype=np.int64),
         dropped_counts=dropped.astype(np.int64),
+        colours=_colours(frames, masks),
         scale=scale,
         centre=tuple(centre.tolist()),
         units=units,
         frame_names=tuple(frame.name for frame in frames),
         viewpoints=_viewpoints(frames, centre, scale),
     )
+
+
+def _colours(frames: Sequence[Frame], masks: Sequence[Bool[np.ndarray, "points"]]) -> Colours | None:
+    """The colours of the kept points of all frames. None, with a warning, where only some frames have colours."""
+    colours = [frame.colours[mask] for frame, mask in zip(frames, masks, strict=True) if frame.colours is not None]
+    if len(colours) == len(frames):
+        return np.concatenate(colours)
+    if colours:
+        without = next(frame.name for frame in frames if frame.colours is None)
+        _log.warning("left out the colours, which %s and maybe other frames lack", without)
+    return None
 
 
 def _viewpoints(

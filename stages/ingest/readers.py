@@ -15,28 +15,30 @@ from jaxtyping import Float64
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import PER_FRAME, as_points, load_npz, map_array, npy_header, points_shape
+from stages.ingest.formats.cloud import Cloud, Colours, Points
 from stages.ingest.formats.disguises import disguise
+from stages.ingest.formats.mesh_pieces import MeshSampling
+from stages.ingest.formats.meshes import MESH_SUFFIXES, names_materials
 from stages.ingest.formats.npz_frames import find_frames, holds_one_cloud, read_npz_frames
-from stages.ingest.formats.rows import Points
 from stages.ingest.formats.tables import looks_like_table
 from stages.ingest.listing import input_files, is_file, is_folder, left_out, visible_folders
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, too_large, unreadable
 from stages.ingest.order import in_order
-from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_points
+from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_cloud
 from stages.ingest.roboart_pickles import is_state, read_state_points
 
 __all__ = ["Frame", "frame_files", "load_npz", "read_frames"]
 
 _log = logging.getLogger("rearticulate.ingest")
 
-_CERTAIN_SUFFIXES = tuple(suffix for suffix in FRAME_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
+_CERTAIN_SUFFIXES = tuple(suffix for suffix in FRAME_SUFFIXES if suffix not in (*AMBIGUOUS_SUFFIXES, *MESH_SUFFIXES))
 _OF_POINTS = re.compile(  # names of files with other values of a cloud's points
     r"(point_?|vertex_?)?(colou?rs?|rgba?|normals?|labels?|masks?|segm?s?|segmentations?|intensit(y|ies)|features?|ids?)",
     re.IGNORECASE,
 )
 _LOOKED_INTO = 50  # sub-folders to look into if a folder holds no frames
 _EXPECTED = (
-    "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts or .npy frames, "
+    "expected a folder of .ply, .pcd, .xyz, .txt, .csv, .pts, .npy, .obj, .stl, .glb, .e57 or .las frames, "
     "or one .npy or .npz of shape (frames, points, 3)"
 )
 
@@ -45,24 +47,28 @@ _EXPECTED = (
 class Frame:
     """One point cloud as read: its file's name, its points, including NaN and infinity, and where cameras stood.
 
-    All in the input's coordinates and units. Unknown viewpoints are None.
+    All in the input's coordinates and units. Unknown viewpoints and colours are None.
     """
 
     name: str
     points: Points
     viewpoints: Float64[np.ndarray, "cameras 3"] | None = None
+    colours: Colours | None = None
 
 
-def read_frames(path: Path, every: int = 1, max_points: int = sys.maxsize) -> list[Frame]:
+def read_frames(
+    path: Path, every: int = 1, max_points: int = sys.maxsize, sampling: MeshSampling | None = None
+) -> list[Frame]:
     """Read every `every`-th frame of one sequence, in the order of the numbers in their names, in the input's units.
 
-    `path` is a folder with one file per frame (.ply, .pcd, a table of text, .npy, or the original RoboArt's
-    state_K.pkl), or one .npy or .npz with all frames. Raises InputError for a path that holds nothing of the kind, for
-    a damaged file, for fewer than two frames, and for more points than `max_points`. If a file declares its number of
-    points, that is checked before they are read.
+    `path` is a folder with one file per frame (.ply, .pcd, a table of text, .npy, a mesh, or the original RoboArt's
+    state_K.pkl), or one .npy or .npz with all frames. The surface of meshes is sampled if there is a `sampling`; else
+    their vertices are taken. Raises InputError for a path that holds nothing of the kind, for a damaged file, for fewer
+    than two frames, and for more points than `max_points`. If a file declares its number of points, that is checked
+    before they are read.
     """
     if is_folder(path):
-        return _read_folder(path, every, max_points)
+        return _read_folder(path, every, max_points, sampling)
     if is_file(path):
         return _read_stack(path, every, max_points)
     raise InputError(f"{path}: found neither a file nor a folder there, {_EXPECTED}; check the path")
@@ -71,11 +77,13 @@ def read_frames(path: Path, every: int = 1, max_points: int = sys.maxsize) -> li
 def frame_files(folder: Path) -> list[Path]:
     """The files of a folder that hold one frame each, in order.
 
-    Files that may hold something else (.txt, .csv, .npz, ...) are frames if they look like it and there are no others.
+    Meshes (.obj, .stl, .glb, .gltf) are frames if there are no files of points. Files that may hold something else
+    (.txt, .csv, .npz, ...) are frames if they look like it and there are no others.
     """
     files = input_files(folder)
     certain = [file for file in files if is_state(file) or file.suffix.lower() in _CERTAIN_SUFFIXES]
-    found = certain or [file for file in files if _looks_like_frame(file)]
+    meshes = [file for file in files if file.suffix.lower() in MESH_SUFFIXES]
+    found = certain or meshes or [file for file in files if _looks_like_frame(file)]
     by_name = {file.name: file for file in found}
     return [by_name[name] for name in in_order(list(by_name)).names]
 
@@ -121,7 +129,7 @@ def _looks_like_frame(file: Path) -> bool:
         return True  # reading it as a frame reports the error
 
 
-def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
+def _read_folder(folder: Path, every: int, max_points: int, sampling: MeshSampling | None) -> list[Frame]:
     files = frame_files(folder)
     if not files:
         raise InputError(f"{folder}: {_without_frames(folder)}")
@@ -131,18 +139,18 @@ def _read_folder(folder: Path, every: int, max_points: int) -> list[Frame]:
             f"{folder}: found frames of the kinds {' and '.join(kinds)}, expected one kind, "
             "since their order is unclear; move the others away"
         )
-    _check_frame_count(folder, len(files), every)
+    check_frame_count(folder, len(files), every)
     organised = _are_organised(files)
     _report(folder, files, organised)
     frames, left = [], max_points
     for file in files[::every]:
         try:
-            points = read_state_points(file) if is_state(file) else read_points(file, left, organised)
-            check_count(len(points), left)
+            cloud = Cloud(read_state_points(file)) if is_state(file) else read_cloud(file, left, organised, sampling)
+            check_count(len(cloud.points), left)
         except TooLargeError as error:
             raise too_large(file, error, max_points) from error
-        left -= len(points)
-        frames.append(Frame(file.name, points))
+        left -= len(cloud.points)
+        frames.append(Frame(file.name, cloud.points, colours=cloud.colours))
     return frames
 
 
@@ -164,6 +172,8 @@ def _report(folder: Path, files: list[Path], organised: bool) -> None:
         _log.warning("%s: %s hold no points and are left out", folder, _first(others))
     if missing := left_out(folder, (kind,)):
         _log.warning("%s: left out %s", folder, _first(missing))
+    if kind == ".obj" and names_materials(files[0]):
+        _log.warning("%s: materials and pictures of .obj lie in other files and are not read; .glb keeps them", folder)
     if organised:
         _log.warning(
             "%s: took each .npy for the rows and columns of one frame; "
@@ -202,7 +212,7 @@ def _without_frames(folder: Path) -> str:
 def _why_no_frame(file: Path) -> str:
     """Explain why a file that may be meant as a frame is none."""
     try:
-        read_points(file)
+        read_cloud(file)
     except InputError as error:
         return str(error).removeprefix(f"{file}: ")
     return "found no points"
@@ -242,7 +252,7 @@ def _read_stack(path: Path, every: int, max_points: int) -> list[Frame]:
         if suffix == ".npy":
             return [Frame(name, points) for name, points in _npy_frames(path, every, max_points)]
         frames = find_frames(path)
-        _check_frame_count(path, frames.count, every)
+        check_frame_count(path, frames.count, every)
         if frames.doubt:
             _log.warning("%s: %s", path, frames.doubt)
         return [Frame(name, points) for name, points in read_npz_frames(path, frames, every, max_points)]
@@ -273,13 +283,14 @@ def _npy_frames(path: Path, every: int, most: int) -> Iterator[tuple[str, Points
             f"{path}: found an array of shape {stack.shape} of {stack.dtype}, expected (frames, points, 3) "
             f"of real numbers; {remedy}"
         )
-    _check_frame_count(path, shape[0], every)
+    check_frame_count(path, shape[0], every)
     check_count(shape[1] * len(range(0, shape[0], every)), most)
     for index in range(0, shape[0], every):
         yield f"{path.name}[{index}]", as_points(np.asarray(stack[index]))
 
 
-def _check_frame_count(path: Path, count: int, every: int) -> None:
+def check_frame_count(path: Path, count: int, every: int) -> None:
+    """Raise InputError for fewer than two frames, and for `every` that leaves only one."""
     if count < 2:
         found = "1 frame" if count else "no frame"
         raise InputError(f"{path}: found {found}, expected at least 2 of one moving object; add frames")

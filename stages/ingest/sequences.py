@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from schemas.errors import InputError
+from stages.ingest.depth_folder import is_depth_folder
 from stages.ingest.listing import input_files, is_file, is_folder, is_own_output, left_out
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES
 from stages.ingest.readers import axes, clouds, frame_files
@@ -19,6 +20,8 @@ def is_sequence(path: Path, certainly: bool = False) -> bool:
     Raises InputError, as all functions here, if the system does not allow the check.
     """
     if is_folder(path):
+        if is_depth_folder(path):
+            return True
         return holds_frames(path, certainly) or holds_frames(path / FRAMES_NAME) or _is_unfetched(path, certainly)
     if path.name == TRUTH_NAME or is_own_output(path) or not (is_file(path) or path.is_symlink()):
         return False
@@ -44,6 +47,6 @@ def _is_unfetched(folder: Path, certainly: bool) -> bool:
 def holds_many(path: Path) -> bool:
     """Whether a sequence's path holds more than one frame, if that can be listed."""
     try:
-        return not is_folder(path) or len(clouds(frame_files(path))) > 1
+        return not is_folder(path) or is_depth_folder(path) or len(clouds(frame_files(path))) > 1
     except InputError:
         return False

@@ -7,7 +7,7 @@ import logging
 import os
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -17,23 +17,18 @@ import numpy as np
 from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
+from stages.ingest.assembly import assembled, every_frame
+from stages.ingest.file_source import FileSource, file_source
 from stages.ingest.listing import is_file, is_folder, safe_name, visible_entries
-from stages.ingest.messages import unreadable
 from stages.ingest.normalise import normalise, normalise_truth
-from stages.ingest.readers import Frame, check_every, frame_files, frame_folders, read_frames
+from stages.ingest.readers import Frame, frame_folders
 from stages.ingest.registered import registered_sources
-from stages.ingest.roboart_pickles import has_transforms
-from stages.ingest.sequences import FRAMES_NAME, TRUTH_NAME, holds_frames, holds_many, is_sequence
-from stages.ingest.truth import read_truth, truth_files
+from stages.ingest.sequences import holds_many, is_sequence
 
 if TYPE_CHECKING:
     from stages.ingest.roboart import Description
 
 _log = logging.getLogger("rearticulate.ingest")
-
-_MANY_FRAMES = 200
-_ENOUGH_FRAMES = 50
-_SECONDS_PER_FRAME = 2.8  # measured for 4096 points on two cores
 
 
 class Source(Protocol):
@@ -48,45 +43,6 @@ class Source(Protocol):
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """Load the sequence in the normalised frame. Raises InputError if it cannot be used."""
-
-
-@dataclass(frozen=True)
-class FileSource:
-    """A folder of frames or one array, and the file or folder of the ground truth if there is one."""
-
-    name: str
-    frames_path: Path
-    truth_path: Path | None = None
-
-    def digest(self) -> str:
-        """SHA-256 (hex) of the contents and names of the frames and of the ground truth.
-
-        `load` reports missing and invalid content. Raises InputError for an unreadable file.
-        """
-        frames = frame_files(self.frames_path) if is_folder(self.frames_path) else [self.frames_path]
-        truth = truth_files(self.truth_path) if self.truth_path else []
-        total = hashlib.sha256()
-        for role, files in (("frame", frames), ("truth", truth)):
-            for file in filter(is_file, files):
-                total.update(role.encode() + os.fsencode(file.name) + b"\0" + _file_digest(file))
-        return total.hexdigest()
-
-    def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
-        """Load the frames as a normalised sequence, with the ground truth beside them or in their correspondence."""
-        if config.correspond:
-            from stages.ingest.corresponding import read_corresponding
-
-            return read_corresponding(self.frames_path, self.truth_path, config, rng)
-        if self.truth_path is None:
-            frames = read_frames(self.frames_path, config.every, config.max_points)
-            _hint_at_every(len(frames))
-            return IngestedSequence(sequence=normalise(frames, config, config.units))
-        frames = read_frames(self.frames_path, 1, config.max_points)  # all frames, since the truth is for all
-        kept = _every(frames, config.every)
-        _hint_at_every(len(kept))
-        sequence = normalise(kept, config, config.units)
-        truth = read_truth(self.truth_path, [len(frame.points) for frame in frames]).every(config.every)
-        return IngestedSequence(sequence=sequence, truth=normalise_truth(truth, kept, sequence))
 
 
 @dataclass(frozen=True)
@@ -124,9 +80,8 @@ class DescribedSource(ABC):
             Frame(f"{self.name}[{index}]", of_frame, None if viewpoints is None else viewpoints[index])
             for index, of_frame in enumerate(points)
         ]
-        kept = _every(frames, config.every)
-        sequence = normalise(kept, config, "metre")
-        return IngestedSequence(sequence=sequence, truth=normalise_truth(truth.every(config.every), kept, sequence))
+        kept = every_frame(frames, config.every)
+        return assembled(kept, lambda: truth.every(config.every), config, "metre", own_rng)
 
 
 @dataclass(frozen=True)
@@ -172,30 +127,12 @@ class HumanSource:
         own_rng = np.random.default_rng([int(rng.integers(2**63)), zlib.crc32(self.name.encode())])
         points, truth, surface = build_human(self.name, config.humans, own_rng)
         frames = [Frame(f"{self.name}[{index}]", of_frame) for index, of_frame in enumerate(points)]
-        kept, step = _every(frames, config.every), config.every
+        kept, step = every_frame(frames, config.every), config.every
         sequence = normalise(kept, config, "metre")
         return IngestedSequence(
             sequence=sequence,
             truth=normalise_truth(truth.every(step), kept, sequence),
             surface=normalise_surface(surface.every(step), kept, sequence),
-        )
-
-
-def _every(frames: Sequence[Frame], step: int) -> Sequence[Frame]:
-    """Every `step`-th frame, from the first on. Raises InputError if that leaves only one of several."""
-    check_every(len(frames), step)
-    return frames[::step]
-
-
-def _hint_at_every(count: int) -> None:
-    """Suggest to use fewer frames if there are many."""
-    if count > _MANY_FRAMES:
-        _log.warning(
-            "%d frames take about %d minutes or more; a few dozen do as well: --set ingest.every=%d takes every %d-th",
-            count,
-            round(count * _SECONDS_PER_FRAME / 60),
-            count // _ENOUGH_FRAMES,
-            count // _ENOUGH_FRAMES,
         )
 
 
@@ -286,26 +223,6 @@ def _variants(things: Iterable[str], per_thing: int) -> list[tuple[str, str, int
     return [(f"{thing}-{variant}", thing, variant) for thing in things for variant in range(per_thing)]
 
 
-def file_source(path: Path) -> FileSource:
-    """The sequence at `path`, which is one array, a folder of frames, or a folder that holds a folder `frames`.
-
-    The ground truth is ground_truth.npz beside the frames or beside the folder `frames`, or the original RoboArt's
-    pickles. Nothing is read yet. Loading reports a path without frames.
-    """
-    folder = path.resolve()
-    if not is_folder(folder):
-        return FileSource(safe_name(folder.stem), path)
-    frames, sequence = path, folder
-    if folder.name == FRAMES_NAME:
-        sequence = folder.parent
-    elif holds_frames(path / FRAMES_NAME):
-        frames = path / FRAMES_NAME
-    truth = next((file for file in (frames / TRUTH_NAME, sequence / TRUTH_NAME) if is_file(file)), None)
-    if truth is None and has_transforms(frames):
-        truth = frames
-    return FileSource(safe_name(sequence.name), frames, truth)
-
-
 def _source_at(entry: Path) -> FileSource | None:
     """The sequence at an entry of a data set. If the system does not allow a check, loading the sequence fails."""
     try:
@@ -314,11 +231,3 @@ def _source_at(entry: Path) -> FileSource | None:
         return file_source(entry) if entry.exists() else FileSource(safe_name(entry.stem), entry)
     except InputError:
         return FileSource(safe_name(entry.name), entry)
-
-
-def _file_digest(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").digest()
-    except OSError as error:
-        raise unreadable(path, error) from error

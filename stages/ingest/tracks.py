@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int64
 from schemas.sequence import PointSequence, TrueSurface
 from stages.ingest.dropping import kept_points
 from stages.ingest.readers import Frame
-from stages.ingest.roboart.surface import draw_on_triangles
+from stages.kernels.surfaces.area_sampling import draw_on_triangles
 
 Frames = list[Float64[np.ndarray, "points 3"]]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from pydantic import BaseModel, Field, ValidationError
 
 from schemas.artifact import GREATEST
@@ -40,6 +40,10 @@ class RawTruth:
     part_names: tuple[str, ...]
     joints: tuple[TrueJoint, ...] = ()
     own_coordinates: bool = False
+
+    def only(self, kept: Sequence[Bool[np.ndarray, "points"]]) -> RawTruth:
+        """The truth of some of the points of each frame."""
+        return replace(self, labels=[labels[mask] for labels, mask in zip(self.labels, kept, strict=True)])
 
     def every(self, step: int) -> RawTruth:
         """The truth of every `step`-th frame, from the first on."""
@@ -80,7 +84,8 @@ def check_truth(truth: RawTruth, point_counts: Sequence[int], where: str) -> Non
     if [len(labels) for labels in truth.labels] != list(point_counts):
         raise InputError(
             f"{where}: labels: found {sum(map(len, truth.labels))} in {len(truth.labels)} frames, expected one "
-            f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points"
+            f"for each of the {sum(point_counts)} points of {frames} frames; give the labels of these very points, "
+            "or take a mesh's vertices where they are its labels (ingest.mesh.take=vertices)"
         )
     for labels in truth.labels:
         if labels.size and (labels.min() < NO_PART or labels.max() >= parts):
@@ -157,7 +162,8 @@ def _read_npz(path: Path, point_counts: Sequence[int]) -> RawTruth:
     if labels.ndim not in (1, 2) or labels.size != sum(point_counts):
         raise InputError(
             f"{path}: found labels of shape {labels.shape}, expected one for each of the {sum(point_counts)} points "
-            f"of {len(point_counts)} frames; give the labels of these very points"
+            f"of {len(point_counts)} frames; give the labels of these very points, "
+            "or take a mesh's vertices where they are its labels (ingest.mesh.take=vertices)"
         )
     if Ts.ndim != 4 or Ts.shape[1] == 0:
         raise InputError(f"{path}: found poses of shape {Ts.shape}, expected (frames, parts, 4, 4); correct them")

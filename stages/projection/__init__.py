@@ -1,3 +1,3 @@
 """Projection: the relaxed model's parts linked to a kinematic tree of screw joints (Eq. 11, A.2)."""
 
-VERSION = 4  # raise it when the same input gives other results: what was made before is made anew
+VERSION = 5  # raise it when the same input gives other results: what was made before is made anew

@@ -19,6 +19,8 @@ from stages.kernels.motion.rigid_motion import inverse, move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points, point_spacing
 
+LOWEST = 2  # percentile of a part's heights that counts as its lowest point
+
 
 def compute_projection(relaxed: RelaxedModel, sequence: PointSequence, config: ProjectionConfig) -> KinematicModel:
     """The tree that minimises l_spatial E_spatial + l_1DOF E_1DOF, with a screw for each link (Eq. 11)."""
@@ -46,6 +48,8 @@ def link_parts(
     sizes = np.bincount(labels)
     if config.root == "middle":
         root = middle_part(tree, sizes)
+    elif config.root == "ground":
+        root = standing_part(p_canonical, labels, config.contact * spacing)
     else:
         root = base_part(samples, Ts_frame_canonical, sizes, config.still * spacing)
     links = directed(tree, root)
@@ -135,6 +139,16 @@ def middle_part(tree: nx.Graph, sizes: Int64[np.ndarray, "parts"]) -> int:
     """The part from which all points are the fewest links away: a person's trunk, whichever foot stands still."""
     links_away = nx.floyd_warshall_numpy(tree, nodelist=range(len(sizes)), weight=None)
     return int((links_away @ sizes).argmin())
+
+
+def standing_part(
+    p_canonical: Float64[np.ndarray, "points 3"], labels: Int64[np.ndarray, "points"], contact: float
+) -> int:
+    """The largest of the parts that reach down to the lowest part's points, within `contact`; z is up."""
+    parts = labels.max() + 1
+    lowest = np.array([np.percentile(p_canonical[labels == part, 2], LOWEST) for part in range(parts)])
+    sizes = np.bincount(labels, minlength=parts)
+    return int(np.where(lowest <= lowest.min() + contact, sizes, 0).argmax())
 
 
 def spanning_tree(cost: Float64[np.ndarray, "parts parts"]) -> nx.Graph:

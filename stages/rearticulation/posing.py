@@ -12,11 +12,12 @@ from schemas.artifact import GREATEST
 from schemas.errors import LONGEST_FIELD, LONGEST_NAME, InputError, quoted, shortened
 from schemas.model_file import ModelJoint, Result, are
 from schemas.pose import Pose, State, TargetFit, Transform
+from stages.final_fit.working import root_moves
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.normalisation import Normalisation
-from stages.rearticulation.mechanism import Mechanism, root_moves
+from stages.rearticulation.mechanism import Mechanism
 from stages.rearticulation.solver import rearticulate
 
 FARTHEST = 0.05  # of a source point from the canonical points, as a share of the diagonal

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float64, Int64
+from jaxtyping import Float, Float64, Int64, UInt8
 
 from schemas.model_file import ModelJoint, Result
 from schemas.robot import Robot
 from stages.kernels.labelling.colours import distinct_colours, hexadecimal
+from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import normals, point_spacing, thinned
 from stages.kernels.surfaces.meshing import Mesh, decimated
 from stages.support.open3d_use import needing_open3d
@@ -51,6 +52,7 @@ def scene_data(
     most = min(MOST_POINTS_A_FRAME, MOST_FRAME_POINTS // max(len(frames), 1) + 1)
     shown = [frame[thinned(len(frame), most)] for frame in frames]
     meshes = None if robot is None else part_meshes(robot)
+    painted = None if robot is None or robot.colours is None or meshes is None else mesh_colours(robot, meshes)
     distinct = len(np.unique(p[chosen], axis=0))
     scale = Scale([p, *shown, *(mesh.vertices for mesh in meshes or ())])
     colours = distinct_colours(len(model.parts))
@@ -68,10 +70,11 @@ def scene_data(
             "positions": scale.quantised(p[chosen]),
             "normals": encoded(np.rint(127 * normals(p[chosen])), "i1") if distinct > 3 else None,
             "ends": np.cumsum(np.bincount(result.labels[chosen], minlength=len(model.parts))).tolist(),
+            "scanColours": None if result.colours is None else encoded(result.colours[chosen], "u1"),
             "trueColours": None if true_colours is None else encoded(np.rint(255 * true_colours[chosen]), "u1"),
         },
         "frames": [scale.quantised(frame) for frame in shown],
-        "meshes": None if meshes is None else _meshes(meshes, scale),
+        "meshes": None if meshes is None else _meshes(meshes, scale, painted),
     }
 
 
@@ -88,6 +91,17 @@ def part_meshes(robot: Robot) -> list[Mesh]:
             place = np.array(robot.links[entry.link].origin)
             found[entry.link] = Mesh((mesh.vertices + place) / robot.metres_per_unit, mesh.triangles)
     return found
+
+
+def mesh_colours(robot: Robot, meshes: list[Mesh]) -> UInt8[np.ndarray, "vertices 3"]:
+    """The colours of the vertices of the shown `meshes`: those of the nearest vertices of the robot's own."""
+    found = [np.zeros((0, 3), dtype=np.uint8) for _ in meshes]
+    for (entry, vertices, _), colours in zip(robot.geometry(), robot.mesh_colours(), strict=True):
+        if colours is not None:
+            place = np.array(robot.links[entry.link].origin)
+            shown = meshes[entry.link].vertices * robot.metres_per_unit - place
+            found[entry.link] = colours[nearest(KDTree(vertices), shown)[1]]
+    return np.concatenate(found)
 
 
 def joint_place(result: Result, joint: ModelJoint, robot: Robot | None) -> Float64[np.ndarray, "3"]:
@@ -120,13 +134,14 @@ def encoded(values: np.ndarray, dtype: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values.astype(dtype)).tobytes()).decode()
 
 
-def _meshes(meshes: list[Mesh], scale: Scale) -> dict[str, Any]:
+def _meshes(meshes: list[Mesh], scale: Scale, colours: UInt8[np.ndarray, "vertices 3"] | None) -> dict[str, Any]:
     """All vertices and triangles, part after part. The triangles' indices start at 0 in each part."""
     triangles: Int64[np.ndarray, "triangles 3"] = np.concatenate([mesh.triangles for mesh in meshes])
     wide = max(len(mesh.vertices) for mesh in meshes) > 0xFFFF
     return {
         "positions": scale.quantised(np.concatenate([mesh.vertices for mesh in meshes])),
         "triangles": encoded(triangles, "<u4" if wide else "<u2"),
+        "scanColours": None if colours is None else encoded(colours, "u1"),
         "wide": wide,
         "vertexEnds": np.cumsum([len(mesh.vertices) for mesh in meshes]).tolist(),
         "triangleEnds": np.cumsum([len(mesh.triangles) for mesh in meshes]).tolist(),

@@ -23,7 +23,15 @@ from stages.report.drawings import curves_svg, heat_svg, tree_svg
 from stages.report.figure import counted, draw
 from stages.report.residuals import part_residuals, sampling_floor
 from stages.report.scene import scene_data
-from stages.report.tables import figures_table, headline, joints_table, parts_table, sliders, true_joints_table
+from stages.report.tables import (
+    figures_table,
+    headline,
+    joints_table,
+    parts_table,
+    sliders,
+    true_joints_table,
+    verdict_box,
+)
 from stages.support.pictures import picture_bytes
 
 VIEWER = (  # the script's files in viewer/, in their order
@@ -40,6 +48,7 @@ VIEWER = (  # the script's files in viewer/, in their order
 )
 NO_PART_COLOUR = (0.5, 0.5, 0.5)
 MODES = {"points": "Points", "meshes": "Meshes", "true": "True parts"}
+COLOURINGS = {"part": "By part", "scan": "By scan"}
 
 
 def compute_report(result: Result, sequence: PointSequence) -> Report:
@@ -56,7 +65,7 @@ def report_files(
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     labels_true = ingested.true_labels(result.model.canonical_frame)
     picture = picture_bytes(draw(result, ingested), "png", dpi=90)
-    page = report_page(name, result, frames, report, robot, metrics, labels_true)
+    page = report_page(name, result, frames, report, robot, metrics, labels_true, sequence.remarks)
     return {"report.html": page.encode(), "report.png": picture}
 
 
@@ -68,11 +77,12 @@ def report_page(
     robot: Robot | None = None,
     metrics: Metrics | None = None,
     labels_true: Int64[np.ndarray, "points"] | None = None,
+    remarks: Sequence[str] = (),
 ) -> str:
     """The page as HTML. Its content policy allows no other addresses and no scripts but its own.
 
     `frames` are in the input's coordinates. `robot` provides the meshes; `metrics` and `labels_true` (of the canonical
-    points) the comparison with the truth.
+    points) the comparison with the truth. `remarks` are those on the input.
     """
     model = result.model
     colours = None
@@ -85,8 +95,12 @@ def report_page(
         name=escape(name),
         facts=escape(_facts(model)),
         headline=headline(model, metrics),
-        remarks="".join(f'<p class="remark">{escape(remark)}</p>' for remark in (robot.remarks if robot else ())),
-        modes="".join(_mode(mode) for mode in MODES if there[mode]),
+        verdict=verdict_box(model),
+        remarks="".join(
+            f'<p class="remark">{escape(remark)}</p>' for remark in (*remarks, *(robot.remarks if robot else ()))
+        ),
+        modes="".join(_radio("mode", mode, MODES[mode], mode == "points") for mode in MODES if there[mode]),
+        colourings="" if result.colours is None else _colourings(),
         last_frame=model.frames - 1,
         canonical=model.canonical_frame,
         sliders=sliders(model),
@@ -108,8 +122,9 @@ def _sections(model: ModelFile, report: Report, metrics: Metrics | None) -> list
         f"{_section('Parts', '', parts_table(model))}</div>",
         _section(
             "Joints",
-            "Axis and point in the canonical frame's coordinates; the range is that of the fitted states, whose curve "
-            "marks the canonical frame. Sure: from 0, where another explanation is as good, to 1.",
+            "Axis and point in the canonical frame's coordinates, each with its spread: 68 % of the true ones lie "
+            "within one, 95 % within two. The range is that of the fitted states, whose curve marks the canonical "
+            "frame. Sure: from 0, where another explanation is as good, to 1.",
             joints_table(model),
         ),
         _section(
@@ -146,9 +161,15 @@ def _footer(model: ModelFile) -> str:
     )
 
 
-def _mode(mode: str) -> str:
-    checked = " checked" if mode == "points" else ""
-    return f'<label><input type="radio" name="mode" value="{mode}"{checked}>{MODES[mode]}</label>'
+def _radio(group: str, value: str, words: str, chosen: bool) -> str:
+    checked = " checked" if chosen else ""
+    return f'<label><input type="radio" name="{group}" value="{value}"{checked}>{words}</label>'
+
+
+def _colourings() -> str:
+    """The choice between colours of the parts and of the scan."""
+    radios = "".join(_radio("colouring", value, words, value == "part") for value, words in COLOURINGS.items())
+    return f'<span class="choice" role="radiogroup" aria-label="Colours">{radios}</span>'
 
 
 def _json_in_html(value: object) -> str:

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from schemas.assessment import Spread
 from schemas.joints import Freedom
 from schemas.metrics import JointMetrics, Metrics
 from schemas.model_file import ModelFile, ModelJoint
@@ -57,6 +58,14 @@ def headline(model: ModelFile, metrics: Metrics | None) -> str:
     return f'<ul class="headline">{"".join(items)}</ul>'
 
 
+def verdict_box(model: ModelFile) -> str:
+    """How far the model can be trusted, and why; empty for a model of an earlier release."""
+    if model.verdict is None:
+        return ""
+    reasons = "".join(f"<li>{escape(reason)}</li>" for reason in model.verdict.reasons)
+    return f'<div class="verdict {model.verdict.trust}"><b>trust: {model.verdict.trust}</b><ul>{reasons}</ul></div>'
+
+
 def sliders(model: ModelFile) -> str:
     """A row for each joint, with a slider for each number of its state. The joint's limits bound the slider."""
     colours = [hexadecimal(colour) for colour in distinct_colours(len(model.parts))]
@@ -96,7 +105,10 @@ def joints_table(model: ModelFile) -> str:
     for joint in model.joints:
         links = f"{badge(joint.parent, colours[joint.parent])} → {badge(joint.child, colours[joint.child])}"
         curves = zip(*(joint.sizes(state) for state in joint.states), strict=True)
-        row = [escape(joint.name), joint.type, links, _vector(joint.axis), _vector(joint.point), _range(model, joint)]
+        spread = joint.spread or Spread()
+        axis = _vector(joint.axis) + _plus_minus(spread.direction, "rad")
+        point = _vector(joint.point) + _plus_minus(spread.place, _length(model))
+        row = [escape(joint.name), joint.type, links, axis, point, _range(model, joint)]
         row.append("".join(states_svg(states, model.canonical_frame) for states in curves))
         if sure:
             told = joint.confidence
@@ -206,6 +218,14 @@ def _value(value: float, unit: str) -> str:
 
 def _vector(p: Sequence[float]) -> str:
     return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in p)  # + 0.0: no "-0.000"
+
+
+def _plus_minus(spread: float | None, unit: str) -> str:
+    """A spread behind what it belongs to, with two digits."""
+    if spread is None:
+        return ""
+    text = f"{np.degrees(spread):.2g}°" if unit == "rad" else f"{spread:.2g} {unit}".strip()
+    return f' <span class="soft">± {text}</span>'
 
 
 def _title(name: str) -> str:

@@ -9,18 +9,19 @@ import zipfile
 import numpy as np
 from jaxtyping import Float64
 
+from schemas.assessment import Assessment, Spread
 from schemas.joints import SCREW
 from schemas.kinematic import CONFIDENCES, KinematicModel
 from schemas.model_file import JointConfidence, ModelFile, ModelJoint, ModelPart, Numbers, Result, Vector
 from schemas.seal import BLANK, sealed, sha256
 from schemas.sequence import PointSequence
-from stages.kernels.points.contact import next_to_contact
+from stages.final_fit.working import contact_points
 from stages.kernels.points.normalisation import Normalisation
 from stages.kernels.points.precision import float32_holds
 
 
-def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
-    """Convert a model to the result, in the canonical frame and the input's units.
+def compute_result(model: KinematicModel, sequence: PointSequence, assessment: Assessment | None = None) -> Result:
+    """Convert a model to the result, in the canonical frame and the input's units, with what is known of its worth.
 
     Raises ValueError for a model with screw joints, whose kind only the final fit decides.
     """
@@ -33,6 +34,7 @@ def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
     p_canonical = sequence.to_input(sequence.frames()[model.canonical_frame])
     single = float32_holds(p_canonical)
     space = Normalisation(np.asarray(sequence.centre), sequence.scale)
+    model = model.replace(point=contact_points(model, sequence.frames()[model.canonical_frame]))
     counts = np.bincount(model.labels, minlength=model.part_count).tolist()
     return Result(
         model=ModelFile(
@@ -42,22 +44,20 @@ def compute_result(model: KinematicModel, sequence: PointSequence) -> Result:
             canonical_frame=model.canonical_frame,
             root=model.root,
             parts=tuple(ModelPart(id=i, name=f"part_{i}", point_count=count) for i, count in enumerate(counts)),
-            joints=tuple(_joint(model, sequence, joint) for joint in range(len(model.joint_types))),
+            joints=tuple(_joint(model, sequence, joint, assessment) for joint in range(len(model.joint_types))),
+            verdict=None if assessment is None else assessment.verdict,
         ),
         canonical_points=p_canonical.astype(np.float32) if single else p_canonical,
         labels=model.labels,
         T_frame_canonical=space.motions_to_input(model.Ts_frame_canonical),
+        colours=None if sequence.colours is None else sequence.by_frame(sequence.colours)[model.canonical_frame],
     )
 
 
-def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJoint:
+def _joint(model: KinematicModel, sequence: PointSequence, joint: int, assessment: Assessment | None) -> ModelJoint:
     parent, child = int(model.joint_parent[joint]), int(model.joint_child[joint])
     kind = model.kinds[joint]
     states = model.states_of(joint) * kind.units(sequence.scale)
-    axis, p = model.axis[joint], sequence.frames()[model.canonical_frame]
-    point = model.point[joint]
-    if kind.has_axis:
-        point = next_to_contact(p[model.labels == parent], p[model.labels == child], axis, point)
     sizes = np.linalg.norm(states, axis=1, keepdims=True) if kind.is_ball else states
     return ModelJoint(
         id=joint,
@@ -65,11 +65,12 @@ def _joint(model: KinematicModel, sequence: PointSequence, joint: int) -> ModelJ
         parent=parent,
         child=child,
         type=kind.name,
-        axis=_vector(axis),
-        point=_vector(sequence.to_input(point)),
+        axis=_vector(model.axis[joint]),
+        point=_vector(sequence.to_input(model.point[joint])),
         lower=_number_or_tuple(sizes.min(axis=0)),
         upper=_number_or_tuple(sizes.max(axis=0)),
         confidence=_confidence(model, joint),
+        spread=None if assessment is None else _in_units(assessment.spreads[joint], sequence.scale),
         states=tuple(map(_number_or_tuple, states)),
     )
 
@@ -78,6 +79,10 @@ def _confidence(model: KinematicModel, joint: int) -> JointConfidence | None:
     if model.confidence is None:
         return None
     return JointConfidence(**dict(zip(CONFIDENCES, model.confidence[joint].tolist(), strict=True)))
+
+
+def _in_units(spread: Spread, scale: float) -> Spread:
+    return spread.model_copy(update={"place": None if spread.place is None else spread.place * scale})
 
 
 def _number_or_tuple(numbers: Float64[np.ndarray, "size"]) -> Numbers:

@@ -19,7 +19,7 @@ def load_benchmark(monkeypatch):
         module = importlib.util.module_from_spec(specification)
         monkeypatch.setitem(sys.modules, f"benchmark_{name}", module)
         specification.loader.exec_module(module)
-        monkeypatch.delitem(sys.modules, "run")
+        monkeypatch.delitem(sys.modules, "run", raising=False)
         return module
 
     return load

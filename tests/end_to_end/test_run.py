@@ -16,6 +16,7 @@ STAGES = [
     "merging",
     "final_fit",
     "canonical_frame",
+    "assessment",
     "result",
     "export",
     "evaluation",
@@ -90,6 +91,7 @@ def test_a_final_fit_setting_reruns_only_the_final_fit_and_what_follows(copy):
     after = copy.times()
     assert before.items() <= after.items()  # side by side
     assert sorted(stage(name) for name in after.keys() - before.keys()) == [
+        "assessment",
         "canonical_frame",
         "evaluation",
         "export",
@@ -107,7 +109,7 @@ def test_a_rerun_computes_a_stage_and_all_after_it_anew(copy):
     assert outcome.returncode == 0
     after = copy.times()
     anew = {stage(name) for name in before if before[name] != after[name]}
-    assert anew == {"final_fit", "canonical_frame", "result", "export", "evaluation", "report"}
+    assert anew == {"final_fit", "canonical_frame", "assessment", "result", "export", "evaluation", "report"}
     assert copy.contents() == contents
     assert copy.hidden() == []
 

@@ -15,11 +15,12 @@ def test_model_json_survives_and_keeps_its_contract(samples):
     assert (content["format"], content["version"]) == ("rearticulate/model", 1)
     assert list(content) == [
         "format", "version", "json_sha256", "npz_sha256", "units", "frames", "canonical_frame", "root",
-        "parts", "joints",
+        "verdict", "parts", "joints",
     ]  # fmt: skip
     assert list(content["parts"][0]) == ["id", "name", "point_count"]
     assert list(content["joints"][0]) == [
-        "id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "confidence", "states",
+        "id", "name", "parent", "child", "type", "axis", "point", "lower", "upper", "confidence", "spread",
+        "states",
     ]  # fmt: skip
 
 
@@ -165,6 +166,22 @@ def test_a_digest_tells_models_apart():
     models[2]["joints"][0]["upper"] = 2
     same, again, other = (ModelFile.model_validate(model).digest for model in models)
     assert same == again != other
+
+
+def test_a_digest_does_not_change_with_what_is_known_of_the_models_worth():
+    """Poses of models of earlier releases stay theirs."""
+    plain = ModelFile.model_validate(chain([(0, 1), (0, 2), (2, 3)]))
+    told = chain([(0, 1), (0, 2), (2, 3)]) | {"verdict": {"trust": "good", "reasons": []}}
+    told["joints"][0]["spread"] = {"direction": 0.01, "place": 0.2}
+    assert ModelFile.model_validate(told).digest == plain.digest
+
+
+@pytest.mark.parametrize("spread", [{"direction": -0.1}, {"place": float("nan")}, {"axis": 0.1}])
+def test_spreads_are_not_negative_and_known_by_name(spread):
+    content = chain([(0, 1), (0, 2), (2, 3)])
+    content["joints"][0]["spread"] = spread
+    with pytest.raises(ValidationError):
+        ModelFile.model_validate(content)
 
 
 def test_a_part_has_no_fewer_points_than_none():

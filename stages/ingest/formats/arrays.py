@@ -17,8 +17,8 @@ from typing import IO, Any
 import numpy as np
 
 from schemas.errors import InputError
+from stages.ingest.formats.cloud import Cloud, Points
 from stages.ingest.formats.disguises import disguise
-from stages.ingest.formats.rows import Points
 from stages.ingest.messages import TooLargeError, check_count, one_line, out_of_memory, unreadable
 
 _MOST_COLUMNS = 16  # of a point's coordinates, colour and normal; an image has more
@@ -109,18 +109,18 @@ def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return shape, dtype
 
 
-def read_npy(path: Path, most: int) -> Points:
+def read_npy(path: Path, most: int) -> Cloud:
     """Read the points of a .npy file of one frame. Raises ValueError or OSError, also for more than `most`."""
     array = map_array(path)
     check_count(len(array) if array.ndim else 0, most)
-    return as_points(np.asarray(array))
+    return Cloud(as_points(np.asarray(array)))
 
 
-def read_organised(path: Path, most: int) -> Points:
+def read_organised(path: Path, most: int) -> Cloud:
     """Read the points of a .npy file of one organised frame (rows, columns, 3 or more). Raises as `read_npy` does."""
     array = map_array(path)
     check_count(math.prod(array.shape[:2]), most)
-    return as_points(np.asarray(array).reshape(-1, *array.shape[2:]))
+    return Cloud(as_points(np.asarray(array).reshape(-1, *array.shape[2:])))
 
 
 def load_npz(path: Path, wanted: Collection[str] | None = None, most_bytes: int = _MOST_BYTES) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import PER_FRAME, Member, open_npz
-from stages.ingest.formats.rows import Points
+from stages.ingest.formats.cloud import Cloud, Points
 from stages.ingest.messages import TooLargeError
 from stages.ingest.order import in_order
 
@@ -71,13 +71,13 @@ def read_npz_frames(path: Path, frames: NpzFrames, step: int, most: int) -> Iter
             yield f"{path.name}[{member.name}]", points
 
 
-def read_one_cloud(path: Path, most: int) -> Points:
+def read_one_cloud(path: Path, most: int) -> Cloud:
     """Read the points of an .npz of one frame. Raises InputError, or ValueError if it holds more."""
     frames = find_frames(path)
     if frames.stack or frames.count != 1:
         raise ValueError(f"found {frames.count} frames among frames; give that file itself as the sequence")
     ((_, points),) = read_npz_frames(path, frames, 1, most)
-    return points
+    return Cloud(points)
 
 
 def holds_one_cloud(path: Path) -> bool:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from stages.ingest.formats.cloud import Cloud, Colours, as_colours
 from stages.ingest.formats.rows import (
     Column,
-    Points,
     Rows,
     declared_count,
     from_binary,
@@ -26,21 +26,45 @@ from stages.ingest.messages import check_count
 from stages.kernels.surfaces.open3d_library import load_open3d
 from stages.support.open3d_use import needing_open3d
 
+_PACKED = ("rgb", "rgba")
 
-def read_pcd(path: Path, most: int) -> Points:
-    """Read the coordinates of all points. Raises ValueError or OSError, also for more than `most`."""
+
+def read_pcd(path: Path, most: int) -> Cloud:
+    """Read the points and their colours. Raises ValueError or OSError, also for more than `most`."""
     with path.open("rb") as file:
         header, start = split_header(file, r"DATA[ \t]+\w+", "PCD")
         entries = {words[0]: words[1:] for words in header}
         rows = _rows(entries)
+        xyz, rgb = rows.xyz(), _colour_columns(rows)
         match entries["DATA"]:
             case ["ascii"]:
-                return from_text(rows, text_lines(file, start), most)
+                columns = list(from_text(rows, xyz + rgb, text_lines(file, start), most).T)
             case ["binary"]:
-                return from_binary(rows, path, start, "<", most)
+                columns = from_binary(rows, xyz + rgb, path, start, "<", most)
             case ["binary_compressed"]:
                 return _from_compressed(path, rows, start, most)
-    raise ValueError(f"found DATA {' '.join(entries['DATA'])}, expected ascii, binary or binary_compressed")
+            case other:
+                raise ValueError(f"found DATA {' '.join(other)}, expected ascii, binary or binary_compressed")
+    points = np.stack(columns[:3], axis=1).astype(np.float64)
+    types = [np.dtype(rows.columns[index].dtype) for index in rgb]
+    colours = [column.astype(dtype) for column, dtype in zip(columns[3:], types, strict=True)]
+    if len(rgb) == 1:
+        return Cloud(points, _unpacked(colours[0]))
+    return Cloud(points, as_colours(np.stack(colours, axis=1)) if colours else None)
+
+
+def _colour_columns(rows: Rows) -> list[int]:
+    """The column of colours packed into 32 bits, or the columns of red, green and blue."""
+    for index, column in enumerate(rows.columns):
+        if column.name.lower() in _PACKED and column.dtype[1:] == "4" and column.values == 1:
+            return [index]
+    return rows.rgb()
+
+
+def _unpacked(packed: np.ndarray) -> Colours:
+    """Split 32 bits, which may be declared as a real number, into red, green and blue."""
+    bits = np.ascontiguousarray(packed).view(np.uint32)
+    return np.stack([bits >> shift & 0xFF for shift in (16, 8, 0)], axis=1).astype(np.uint8)
 
 
 def _rows(entries: dict[str, list[str]]) -> Rows:
@@ -73,8 +97,7 @@ def _point_count(entries: dict[str, list[str]]) -> int:
     return area
 
 
-def _from_compressed(path: Path, rows: Rows, start: int, most: int) -> Points:
-    rows.xyz()
+def _from_compressed(path: Path, rows: Rows, start: int, most: int) -> Cloud:
     check_count(rows.count, most)
     with path.open("rb") as file:
         file.seek(start)
@@ -91,4 +114,4 @@ def _from_compressed(path: Path, rows: Rows, start: int, most: int) -> Points:
     points = np.array(cloud.points, dtype=np.float64)
     if len(points) != rows.count:
         raise ValueError(f"found {len(points)} of the {rows.count} points that it declares, the data is damaged")
-    return points
+    return Cloud(points, as_colours(np.asarray(cloud.colors)) if cloud.has_colors() else None)

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
+from stages.ingest.formats.cloud import colour_columns
 from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, numbers
 from stages.ingest.messages import check_count
-
-Points = Float64[np.ndarray, "points 3"]
 
 _LONGEST_HEADER = 1 << 20
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
@@ -55,6 +54,12 @@ class Rows:
                 raise ValueError(f"found several values of {column.name} for a point, expected one")
         return wanted
 
+    def rgb(self) -> list[int]:
+        """The columns of red, green and blue; empty if there are none."""
+        found = colour_columns([column.name for column in self.columns])
+        plain = all(self.columns[index].length is None and self.columns[index].values == 1 for index in found)
+        return found if plain else []
+
     def has_lists(self) -> bool:
         """Whether the size of a row depends on its content."""
         return any(column.length for column in self.columns)
@@ -81,22 +86,23 @@ def declared_count(text: str) -> int:
     return int(text)
 
 
-def from_binary(rows: Rows, path: Path, start: int, byte_order: str, most: int) -> Points:
-    """Read the coordinates of rows that begin at byte `start`. Nothing else of the file is kept."""
-    wanted = rows.xyz()
+def from_binary(
+    rows: Rows, wanted: list[int], path: Path, start: int, byte_order: str, most: int
+) -> list[np.ndarray[Any, Any]]:
+    """Read columns, each in its own type, of rows that begin at byte `start`. Nothing else of the file is kept."""
     check_count(rows.count, most)
     if rows.count == 0:
-        return np.empty((0, 3))
+        return [np.empty(0, rows.columns[index].dtype) for index in wanted]
     data = np.memmap(path, np.uint8, mode="r")
     lengths = _equal_lengths(rows, data, start, byte_order)
     if lengths is None:
-        return _walk(rows, data, start, byte_order, wanted)[0]
+        return list(_walk(rows, data, start, byte_order, wanted)[0].T)
     record = _record(rows, byte_order, lengths)
     if len(data) - start < rows.count * record.itemsize:
         found = max(len(data) - start, 0) // record.itemsize
         raise ValueError(f"found {found} of the {rows.count} points that it declares")
     table = np.frombuffer(data, record, rows.count, start)
-    return np.stack([table[str(index)][:, 0] for index in wanted], axis=1).astype(np.float64)
+    return [table[str(index)][:, 0] for index in wanted]
 
 
 def end_of(rows: Rows, path: Path, start: int, byte_order: str) -> int:
@@ -110,20 +116,66 @@ def end_of(rows: Rows, path: Path, start: int, byte_order: str) -> int:
     return start + rows.count * _record(rows, byte_order, lengths).itemsize
 
 
-def from_text(rows: Rows, lines: Iterator[str], most: int) -> Points:
-    """Read the coordinates of rows of text. The first of `lines` is the first row."""
-    wanted = rows.xyz()
+def lists_from_binary(
+    rows: Rows, wanted: int, path: Path, start: int, byte_order: str
+) -> list[Int64[np.ndarray, "lists length"]]:
+    """Read a column of lists of whole numbers, sorted into one array for each length."""
+    if rows.count == 0:
+        return []
+    data = np.memmap(path, np.uint8, mode="r")
+    lengths = _equal_lengths(rows, data, start, byte_order)
+    if lengths is not None:
+        table = np.frombuffer(data, _record(rows, byte_order, lengths), rows.count, start)
+        return [table[str(wanted)].astype(np.int64)]
+    by_length: dict[int, list[tuple[int, int]]] = {}
+    offset = start
+    for row in range(rows.count):
+        for index, column in enumerate(rows.columns):
+            values = column.values
+            if column.length:
+                length, offset = _value(data.data, offset, byte_order + column.length)
+                values = _checked_length(length)
+            if index == wanted:
+                by_length.setdefault(values, []).append((row, offset))
+            offset += np.dtype(column.dtype).itemsize * values
+            if offset > len(data):
+                raise ValueError(f"found {row} of the {rows.count} rows that it declares")
+    dtype = np.dtype(byte_order + rows.columns[wanted].dtype)
+    return [_gathered(data, [at for _, at in places], length, dtype) for length, places in by_length.items()]
+
+
+def _gathered(data: np.memmap[Any, Any], places: list[int], length: int, dtype: np.dtype[Any]) -> np.ndarray:
+    """The lists of one length that begin at these bytes."""
+    bytes_of = np.array(places, dtype=np.int64)[:, None] + np.arange(length * dtype.itemsize)
+    return np.asarray(data)[bytes_of].view(dtype).astype(np.int64)
+
+
+def lists_from_text(rows: Rows, wanted: int, lines: Iterator[str]) -> list[Int64[np.ndarray, "lists length"]]:
+    """Read such a column from rows of text. The first of `lines` is the first row."""
+    by_length: dict[int, list[list[str]]] = {}
+    count = 0
+    for line in itertools.islice(lines, rows.count):
+        entry = _entries(rows, line)[wanted]
+        by_length.setdefault(len(entry), []).append(entry)
+        count += 1
+    if count < rows.count:
+        raise ValueError(f"found {count} of the {rows.count} rows that it declares")
+    return [np.array(lists, dtype=np.float64).astype(np.int64) for lists in by_length.values()]
+
+
+def from_text(rows: Rows, wanted: list[int], lines: Iterator[str], most: int) -> Float64[np.ndarray, "rows columns"]:
+    """Read columns of rows of text. The first of `lines` is the first row."""
     check_count(rows.count, most)
     counted = _Counted(itertools.islice(lines, rows.count))
     try:
-        points = _text_points(rows, iter(counted), wanted)
+        table = _text_columns(rows, iter(counted), wanted)
     except ValueError:
         counted.to_the_end()
         if counted.count == rows.count:
             raise
     if counted.count < rows.count:  # also the likely cause of an odd last line
         raise ValueError(f"found {counted.count} of the {rows.count} points that it declares")
-    return points
+    return table
 
 
 class _Counted:
@@ -143,9 +195,9 @@ class _Counted:
             pass
 
 
-def _text_points(rows: Rows, lines: Iterator[str], wanted: list[int]) -> Points:
+def _text_columns(rows: Rows, lines: Iterator[str], wanted: list[int]) -> Float64[np.ndarray, "rows columns"]:
     if rows.has_lists():
-        return np.array([_without_lists(rows, line, wanted) for line in lines]).reshape(-1, 3)
+        return np.array([_without_lists(rows, line, wanted) for line in lines]).reshape(-1, len(wanted))
     starts = np.cumsum([0] + [column.values for column in rows.columns])
     return numbers(lines, [int(starts[index]) for index in wanted], None, int(starts[-1]))
 
@@ -187,15 +239,17 @@ def _equal_lengths(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order
     return lengths if same else None
 
 
-def _walk(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str, wanted: list[int]) -> tuple[Points, int]:
+def _walk(
+    rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str, wanted: list[int]
+) -> tuple[Float64[np.ndarray, "rows columns"], int]:
     """Read the wanted columns row by row, with lists of any length. Also return the rows' end."""
-    points = np.empty((rows.count if wanted else 0, 3))
+    table = np.empty((rows.count if wanted else 0, len(wanted)))
     sizes = [np.dtype(column.dtype).itemsize for column in rows.columns]
     view, offset = data.data, start
     for row in range(rows.count):
         for index, column in enumerate(rows.columns):
             if index in wanted:
-                points[row, wanted.index(index)], _ = _value(view, offset, byte_order + column.dtype)
+                table[row, wanted.index(index)], _ = _value(view, offset, byte_order + column.dtype)
             values = column.values
             if column.length:
                 length, offset = _value(view, offset, byte_order + column.length)
@@ -203,7 +257,7 @@ def _walk(rows: Rows, data: np.memmap[Any, Any], start: int, byte_order: str, wa
             offset += sizes[index] * values
     if offset > len(data):
         raise ValueError("found fewer rows than it declares")
-    return points, offset
+    return table, offset
 
 
 def _value(data: Any, offset: int, dtype: str) -> tuple[float, int]:
@@ -221,13 +275,21 @@ def _checked_length(length: float) -> int:
 
 
 def _without_lists(rows: Rows, line: str, wanted: list[int]) -> list[float]:
-    """The wanted columns of one line, whose lists begin with their length."""
-    words, found, place = line.split(), {}, 0
-    for index, column in enumerate(rows.columns):
+    """The wanted columns of one line, which are no lists."""
+    entries = _entries(rows, line)
+    return [float(entries[index][0]) for index in wanted]
+
+
+def _entries(rows: Rows, line: str) -> list[list[str]]:
+    """The words of each column of one line, whose lists begin with their length."""
+    words, found, place = line.split(), [], 0
+    for column in rows.columns:
         if place >= len(words):
             raise ValueError(f"found a line of {len(words)} values, fewer than it declares")
-        found[index] = words[place]
-        place += 1 + _checked_length(float(words[place])) if column.length else column.values
+        count = _checked_length(float(words[place])) if column.length else column.values
+        place += bool(column.length)
+        found.append(words[place : place + count])
+        place += count
     if place != len(words):
         raise ValueError(f"found {len(words)} values a line, expected the {place} that it declares")
-    return [float(found[index]) for index in wanted]
+    return found

@@ -2,7 +2,7 @@
 
 Spaces, tabs, commas or semicolons separate the columns. Lines before the first row of numbers are a header. If it names
 x, y and z, these columns are read, else the first three. A line before the rows with a single whole number is their
-count.
+count. Colours are read where the header names them, and in .xyzrgb and .pts, whose columns are known.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ import itertools
 import logging
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
+from stages.ingest.formats.cloud import Cloud, as_colours, colour_columns
 from stages.ingest.formats.numbers import LONGEST_LINE, checked_line, fields, number, numbers
-from stages.ingest.formats.rows import Points, declared_count
+from stages.ingest.formats.rows import declared_count
 from stages.ingest.messages import check_count
 
 _log = logging.getLogger("rearticulate.ingest")
@@ -52,15 +53,16 @@ _AXES = (
 
 @dataclass(frozen=True)
 class _Layout:
-    """The position of the coordinates in a line."""
+    """The position of the coordinates, and of the colours if there are any, in a line."""
 
     delimiter: str | None
     width: int
     columns: list[int] = field(default_factory=lambda: [0, 1, 2])
+    colours: list[int] = field(default_factory=list)
 
 
-def read_table(path: Path, most: int) -> Points:
-    """Read the coordinates of a table. Raises ValueError or OSError, also for more than `most` points."""
+def read_table(path: Path, most: int) -> Cloud:
+    """Read the points of a table. Raises ValueError or OSError, also for more than `most` points."""
     with _open_text(path) as file:
         header, lines = _split(_lines(file))
         first = next(lines, None)
@@ -68,7 +70,7 @@ def read_table(path: Path, most: int) -> Points:
             if words := _words(header):
                 bars = "; put commas in place of the |" if "|" in words[-1] else ""
                 raise ValueError(f"found no row of three numbers, but {words[0][:60]!r}{bars}")
-            return numbers([], [0, 1, 2], None, 3)
+            return Cloud(numbers([], [0, 1, 2], None, 3))
         sample = [first, *itertools.islice(lines, _SAMPLE)]
         if _counts_columns(sample):
             header.append(sample.pop(0))
@@ -77,9 +79,23 @@ def read_table(path: Path, most: int) -> Points:
         _check_commas(sample, layout)
         counts = _Counts(header, most)
         rows = counts.rows(vertices.rows(itertools.chain(sample, lines)))
-        points = vertices.checked(numbers(rows, layout.columns, layout.delimiter, layout.width), layout)
-    counts.check(len(points))
-    return points
+        if not layout.colours:
+            layout = replace(layout, colours=_usual_colours(path.suffix.lower(), sample, layout))
+        table = numbers(rows, layout.columns + layout.colours, layout.delimiter, layout.width)
+        table = vertices.checked(table, layout)
+    counts.check(len(table))
+    return Cloud(np.ascontiguousarray(table[:, :3]), as_colours(table[:, 3:]) if layout.colours else None)
+
+
+def _usual_colours(suffix: str, sample: list[str], layout: _Layout) -> list[int]:
+    """The columns of colours in the formats that have them without a header: .xyzrgb, and .pts with its intensity."""
+    width = layout.width
+    if suffix == ".xyzrgb" and width >= 6:
+        return [3, 4, 5]
+    if suffix != ".pts" or width not in (6, 7) or layout.columns != [0, 1, 2]:
+        return []
+    values = [number(word, layout.delimiter) for line in sample for word in fields(line, layout.delimiter)[-3:]]
+    return [width - 3, width - 2, width - 1] if all(value in range(256) for value in values) else []
 
 
 def looks_like_table(path: Path) -> bool:
@@ -140,15 +156,15 @@ class _Vertices:
         """Yield the lines of the vertices."""
         return itertools.islice(lines, self.first[0]) if self.sure and self.first else lines
 
-    def checked(self, points: Points, layout: _Layout) -> Points:
-        """Return the points. Include the first row if it turned out to be a point."""
-        if not self.first or len(points) == self.first[0]:
-            return points
+    def checked(self, table: np.ndarray, layout: _Layout) -> np.ndarray:
+        """Return the rows. Include the first one if it turned out to be a point."""
+        if not self.first or len(table) == self.first[0]:
+            return table
         if self.sure:
-            raise ValueError(f"found {len(points)} of the {self.first[0]} points that it declares")
+            raise ValueError(f"found {len(table)} of the {self.first[0]} points that it declares")
         if layout.width != len(self.first):
             raise ValueError(f"the number of columns changed from {len(self.first)} to {layout.width} at row 1")
-        return np.vstack([[float(self.first[column]) for column in layout.columns], points])
+        return np.vstack([[float(self.first[column]) for column in layout.columns], table])
 
 
 def _open_text(path: Path) -> IO[str]:
@@ -238,7 +254,8 @@ def _layout(first: str, header: list[str], path: Path) -> _Layout:
             if columns is None or (comment and columns != [0, 1, 2] and len(names) != width):
                 continue
             shift = _shift(names, columns, words, width, delimiter)
-            return _Layout(delimiter, len(words), [column + shift for column in columns])
+            shifted = [[column + shift for column in found] for found in (columns, colour_columns(names))]
+            return _Layout(delimiter, len(words), *shifted)
     if names := [line for line in _words(header) if not line.startswith(("#", "%"))]:
         _log.warning("%s: found no x, y and z in the header %r, so took the first columns", path.name, names[-1][:60])
     return _Layout(delimiter, len(words))

@@ -10,6 +10,8 @@ from jaxtyping import Int64
 
 from schemas.errors import InputError
 from stages.ingest.formats.arrays import load_npz
+from stages.ingest.formats.ply import ply_triangles
+from stages.ingest.messages import one_line
 
 FACES = "faces"
 _MOST_PER_VERTEX = 4  # a closed surface has about two triangles per vertex
@@ -21,7 +23,7 @@ def file_triangles(path: Path, vertices: int, most: int) -> Int64[np.ndarray, "t
     Raises InputError for triangles that do not fit the number of `vertices`, and for more than `most`.
     """
     if path.suffix.lower() == ".ply":
-        return _ply_triangles(path, vertices)
+        return _ply_triangles(path, vertices, most)
     if path.suffix.lower() != ".npz":
         return None
     faces = load_npz(path, (FACES,), 8 * 3 * min(most, _MOST_PER_VERTEX * vertices + 1000)).get(FACES)
@@ -44,13 +46,9 @@ def checked_triangles(faces: Any, vertices: int, where: str) -> Int64[np.ndarray
     return faces.astype(np.int64)
 
 
-def _ply_triangles(file: Path, vertices: int) -> Int64[np.ndarray, "triangles 3"] | None:
-    """Read a PLY's triangles. Polygons are cut into triangles; None if Open3D cannot read faces of these vertices."""
-    import open3d as o3d
-
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(file)
-    triangles = np.asarray(mesh.triangles).astype(np.int64)
-    if not len(triangles) or len(mesh.vertices) != vertices:
-        return None
-    return checked_triangles(triangles, vertices, f"{file}: faces")
+def _ply_triangles(file: Path, vertices: int, most: int) -> Int64[np.ndarray, "triangles 3"] | None:
+    try:
+        triangles = ply_triangles(file, vertices, most)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: faces: {one_line(error)}; write the file anew") from error
+    return triangles if len(triangles) else None

@@ -1,4 +1,4 @@
-"""Surfaces of links as plain triangles, and sampling of points on them."""
+"""Surfaces of links as plain triangles."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from stages.ingest.roboart.mesh_files import resolve_mesh
 from stages.ingest.roboart.mesh_reading import Triangles, read_mesh
 from stages.ingest.roboart.urdf import Robot, import_extra
 from stages.ingest.roboart.urdf_check import GREATEST_METRES
+from stages.kernels.surfaces.area_sampling import areas, sample_triangles
+
+__all__ = ["MOST_TRIANGLES", "Surface", "areas", "link_triangles", "move", "sample_triangles"]
 
 MOST_TRIANGLES = 20_000_000  # of a whole description: 1.4 GB
 
@@ -26,32 +29,6 @@ class Surface:
 
     triangles: Triangles
     part: Int64[np.ndarray, "triangles"]
-
-
-def sample_triangles(
-    triangles: Triangles, count: int, rng: np.random.Generator
-) -> tuple[Float64[np.ndarray, "points 3"], Int64[np.ndarray, "points"]]:
-    """Sample points uniformly by area, with the triangle of each."""
-    chosen, weights = draw_on_triangles(triangles, count, rng)
-    (a, b, c), (of_a, of_b, of_c) = np.moveaxis(triangles[chosen], 1, 0), weights.T[..., None]
-    return of_a * a + of_b * b + of_c * c, chosen
-
-
-def draw_on_triangles(
-    triangles: Triangles, count: int, rng: np.random.Generator
-) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 3"]]:
-    """Draw places uniformly by area: the triangle of each, and the weights of its corners."""
-    cumulative = np.cumsum(areas(triangles))
-    chosen = np.searchsorted(cumulative[:-1], rng.uniform(0, cumulative[-1], count), side="right")
-    # the root makes the image of the unit square uniform over the triangle
-    u, v = np.sqrt(rng.random(count)), rng.random(count)
-    return chosen, np.stack([1 - u, u * (1 - v), u * v], axis=1)
-
-
-def areas(triangles: Triangles) -> Float64[np.ndarray, "triangles"]:
-    """The area of each triangle."""
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def link_triangles(

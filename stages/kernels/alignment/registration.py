@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from stages.kernels.motion.rigid_motion import from_parts, move_points, rotations
-from stages.kernels.points.nearest import KDTree, nearest
+from stages.kernels.points.nearest import KDTree, nearest, neighbours
 from stages.kernels.points.sampling import normals, point_spacing
 
 POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared plane distance
@@ -33,6 +33,23 @@ class NormalEquations:
     centres: Float64[np.ndarray, "frames parts 3"]
 
 
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of a canonical point, posed by its part's motion, and a point of one frame.
+
+    First each canonical point with its nearest one of the frame, in their order, then each point of the frame with the
+    nearest canonical one. `p` is the posed canonical point of each pair and `normal` that of the frame's surface.
+    `offset` leads from the frame's point to the posed one, in spacings. `distance` is in the frame's own spacings.
+    """
+
+    source: Int64[np.ndarray, "pairs"]
+    target: Int64[np.ndarray, "pairs"]
+    p: Float64[np.ndarray, "pairs 3"]
+    normal: Float64[np.ndarray, "pairs 3"]
+    offset: Float64[np.ndarray, "pairs 3"]
+    distance: Float64[np.ndarray, "pairs"]
+
+
 class Registration:
     """A canonical cloud against the other frames of a sequence.
 
@@ -50,7 +67,7 @@ class Registration:
         self.spacing = point_spacing(self.p)
         spacings = np.array([point_spacing(frame) for frame in frames])
         self.spacings = np.where(spacings > SPARSER * self.spacing, spacings, self.spacing)
-        self._shares = (self.spacing / self.spacings) ** 2  # of what a frame as dense as the canonical one would tell
+        self.shares = (self.spacing / self.spacings) ** 2  # of what a frame as dense as the canonical one would tell
         self.others = [t for t in range(len(frames)) if t != canonical_frame]
         self.frames = frames
         self.trees = [KDTree(frame) for frame in frames]
@@ -59,7 +76,7 @@ class Registration:
     @property
     def evidence(self) -> float:
         """How many frames as dense as the canonical one tell as much as the others: a sparser one counts for less."""
-        return float(self._shares[self.others].sum())
+        return float(self.shares[self.others].sum())
 
     def cost(
         self,
@@ -110,7 +127,7 @@ class Registration:
                     groups,
                     self._normals[t][target],
                     (p - self.frames[t][target]) / self.spacing,
-                    self._shares[t] * robust_weight(distance, reach),
+                    self.shares[t] * robust_weight(distance, reach),
                 )
                 hessian += DAMPING * _scaled_identity(hessian)
                 twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
@@ -153,25 +170,44 @@ class Registration:
     ) -> NormalEquations:
         """Matches from model to frame and from frame to model, and what they say of each part's motion."""
         frames, parts = Ts.shape[:2]
-        index = np.arange(len(self.p))
         own_centres = group_means(self.p, labels, parts)
         hessian, gradient = np.zeros((frames, parts, 6, 6)), np.zeros((frames, parts, 6))
         centres = np.stack([move_points(T, own_centres) for T in Ts])
         cost = 0.0
         for t in self.others:
-            p, target, distance = self._matches(t, index, labels, Ts)
-            back_distance, back = nearest(KDTree(p), self.frames[t])
-            source = np.concatenate([index, back])
-            target = np.concatenate([target, np.arange(len(back))])
-            distance = np.concatenate([distance, back_distance / self.spacings[t]])
-            offset = (p[source] - self.frames[t][target]) / self.spacing
-            part, normal = labels[source], self._normals[t][target]
-            arms = (p[source] - centres[t, part]) / self.spacing
-            weight = robust_weight(distance, reach)
-            hessian[t], gradient[t] = normal_equations(arms, part, parts, normal, offset, self._shares[t] * weight)
-            squares = self._shares[t] * np.einsum("ni,ni->n", normal, offset) ** 2 + POINT_TO_POINT * distance**2
-            cost += float((squares * np.sqrt(weight)).sum())
+            pairs = self.pairs(t, labels, Ts)
+            part, share = labels[pairs.source], self.shares[t]
+            arms = (pairs.p - centres[t, part]) / self.spacing
+            weight = robust_weight(pairs.distance, reach)
+            hessian[t], gradient[t] = normal_equations(arms, part, parts, pairs.normal, pairs.offset, share * weight)
+            squares = share * np.einsum("ni,ni->n", pairs.normal, pairs.offset) ** 2
+            cost += float(((squares + POINT_TO_POINT * pairs.distance**2) * np.sqrt(weight)).sum())
         return NormalEquations(cost, hessian, gradient, centres)
+
+    def pairs(self, t: int, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"]) -> Pairs:
+        """Matches of the posed model and frame t, both ways."""
+        index = np.arange(len(self.p))
+        p, target, distance = self._matches(t, index, labels, Ts)
+        back_distance, back = nearest(KDTree(p), self.frames[t])
+        source = np.concatenate([index, back])
+        target = np.concatenate([target, np.arange(len(back))])
+        distance = np.concatenate([distance, back_distance / self.spacings[t]])
+        p = p[source]
+        return Pairs(source, target, p, self._normals[t][target], (p - self.frames[t][target]) / self.spacing, distance)
+
+    def pair_costs(self, t: int, pairs: Pairs) -> Float64[np.ndarray, "pairs"]:
+        """What each pair of frame t costs, as `cost` counts it."""
+        offset = pairs.offset * (self.spacing / self.spacings[t])
+        return _match_cost(pairs.normal, offset, pairs.distance, self.truncation)
+
+    def own_costs(self, t: int) -> Float64[np.ndarray, "points"]:
+        """What the points of frame t cost against the nearest other one of the same frame.
+
+        Another sample of the same surface, with the same noise, costs as much.
+        """
+        distances, indices = neighbours(self.frames[t], 1)
+        offset = (self.frames[t] - self.frames[t][indices[:, 0]]) / self.spacings[t]
+        return _match_cost(self._normals[t][indices[:, 0]], offset, distances[:, 0] / self.spacings[t], self.truncation)
 
     def _matches(
         self, t: int, index: np.ndarray, group: np.ndarray, Ts: np.ndarray

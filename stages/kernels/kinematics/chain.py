@@ -135,15 +135,11 @@ def _step(chain: Chain, equations: NormalEquations, others: np.ndarray, spacing:
     Unknowns are every frame's own states and, shared by all frames, a small rigid motion of each axis. The frames' own
     unknowns are eliminated first, so that time is linear in frames.
     """
-    own, shared = _jacobians(chain, equations.centres, spacing)
+    own, shared = (jacobian[others] for jacobian in jacobians(chain, equations.centres, spacing))
     frames, rows = int(others.sum()), 6 * chain.parts
-    hessian, gradient = equations.hessian[others], equations.gradient[others].reshape(frames, rows)
-    weighted = [
-        np.matmul(hessian, jacobian[others]).reshape(frames, rows, jacobian.shape[-1]) for jacobian in (own, shared)
-    ]
-    own, shared = (jacobian[others].reshape(frames, rows, jacobian.shape[-1]) for jacobian in (own, shared))
-    A, B = (own.transpose(0, 2, 1) @ columns for columns in weighted)
-    C = (shared.transpose(0, 2, 1) @ weighted[1]).sum(axis=0)
+    A, B, C = normal_blocks(own, shared, equations.hessian[others])
+    gradient = equations.gradient[others].reshape(frames, rows)
+    own, shared = (jacobian.reshape(frames, rows, jacobian.shape[-1]) for jacobian in (own, shared))
     a = np.einsum("trn,tr->tn", own, gradient)
     c = np.einsum("trm,tr->m", shared, gradient)
     _damp(A, damping)
@@ -157,13 +153,33 @@ def _step(chain: Chain, equations: NormalEquations, others: np.ndarray, spacing:
     return _stepped(chain, step_own, step_shared.reshape(-1, 6), spacing)
 
 
+def normal_blocks(
+    own: Float64[np.ndarray, "frames parts 6 own"],
+    shared: Float64[np.ndarray, "frames parts 6 shared"],
+    hessian: Float64[np.ndarray, "frames parts 6 6"],
+) -> tuple[
+    Float64[np.ndarray, "frames own own"],
+    Float64[np.ndarray, "frames own shared"],
+    Float64[np.ndarray, "shared shared"],
+]:
+    """The normal matrix in blocks: each frame's own unknowns, these against the shared ones, the shared ones.
+
+    `own` and `shared` are Jacobians of parts' twists (`jacobians`), and `hessian` says how dear these twists are.
+    """
+    frames, rows = len(hessian), 6 * hessian.shape[1]
+    weighted = [np.matmul(hessian, jacobian).reshape(frames, rows, jacobian.shape[-1]) for jacobian in (own, shared)]
+    own, shared = (jacobian.reshape(frames, rows, jacobian.shape[-1]) for jacobian in (own, shared))
+    A, B = (own.transpose(0, 2, 1) @ columns for columns in weighted)
+    return A, B, (shared.transpose(0, 2, 1) @ weighted[1]).sum(axis=0)
+
+
 def _damp(matrices: np.ndarray, damping: float) -> None:
     """Marquardt's damping, with a floor for unknowns of which the data say nothing."""
     diagonal = np.einsum("...ii->...i", matrices)  # a view
     diagonal += damping * diagonal + 1e-3
 
 
-def _jacobians(
+def jacobians(
     chain: Chain, centres: Float64[np.ndarray, "frames parts 3"], spacing: float
 ) -> tuple[Float64[np.ndarray, "frames parts 6 own"], Float64[np.ndarray, "frames parts 6 shared"]]:
     """d(twist of each part)/d(own unknowns of a frame) and d(...)/d(small rigid motions of the axes).

@@ -111,11 +111,12 @@ element("up").addEventListener("change", (event) => {
   resetView(event.target.value);
   redraw();
 });
-for (const radio of document.querySelectorAll("input[name=mode]"))
-  radio.addEventListener("change", () => {
-    shown.mode = radio.value;
-    redraw();
-  });
+for (const choice of ["mode", "colouring"])
+  for (const radio of document.querySelectorAll(`input[name=${choice}]`))
+    radio.addEventListener("change", () => {
+      shown[choice] = radio.value;
+      redraw();
+    });
 for (const name of ["axes", "badges", "input"]) {
   const box = element(`show-${name}`);
   shown[name] = box.checked;

@@ -38,9 +38,12 @@ class Renderer {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     this.cloud = this.shape({ position: points.positions, normal: points.normals });
+    this.scanCloud = points.scanColours && this.shape({ position: points.positions, normal: points.normals, colour: points.scanColours });
     this.trueCloud = points.trueColours && this.shape({ position: points.positions, normal: points.normals, colour: points.trueColours });
     this.frames = frames.map((position) => this.shape({ position }));
     this.meshes = data.meshes && this.meshShapes(data.meshes);
+    const painted = data.meshes?.scanColours && decoded(data.meshes.scanColours, Uint8Array);
+    this.scanMeshes = painted && this.meshShapes(data.meshes, painted);
     this.symbols = joints.map((joint) => this.symbol(joint));
   }
 
@@ -80,13 +83,15 @@ class Renderer {
     return { vertexArray, count: arrays.position.length / 3, triangles };
   }
 
-  meshShapes(meshes) {
+  // The mesh of each part, with colours of all vertices where they are given.
+  meshShapes(meshes, colours = null) {
     const all = positions(meshes.positions);
     const corners = decoded(meshes.triangles, meshes.wide ? Uint32Array : Uint16Array);
     return data.parts.map((_, part) => {
-      const position = all.subarray(...rangeOf(meshes.vertexEnds, part).map((i) => 3 * i));
+      const range = rangeOf(meshes.vertexEnds, part).map((i) => 3 * i);
+      const position = all.subarray(...range), colour = colours?.subarray(...range);
       const triangles = corners.subarray(...rangeOf(meshes.triangleEnds, part).map((i) => 3 * i));
-      return this.shape({ position, normal: vertexNormals(position, triangles) }, triangles);
+      return this.shape({ position, normal: vertexNormals(position, triangles), colour }, triangles);
     });
   }
 
@@ -116,9 +121,11 @@ class Renderer {
 
   part(part, T) {
     const glow = shown.active !== null && joints[shown.active].child === part ? 0.45 : 0;
-    const style = { T, colour: partColours[part], shading: 1, glow };
-    if (shown.mode === "meshes" && this.meshes) return this.triangles(this.meshes[part], style);
-    const cloud = shown.mode === "true" && this.trueCloud ? this.trueCloud : this.cloud;
+    const style = { T, colour: partColours[part], shading: 1, glow }, byScan = shown.colouring === "scan";
+    if (shown.mode === "meshes" && this.meshes)
+      return this.triangles(((byScan && this.scanMeshes) || this.meshes)[part], style);
+    const byPartOrScan = (byScan && this.scanCloud) || this.cloud;
+    const cloud = (shown.mode === "true" && this.trueCloud) || byPartOrScan;
     this.points(cloud, rangeOf(points.ends, part), { ...style, size: this.pointSize, shading: points.normals ? 1 : 0 });
   }
 

@@ -4,7 +4,7 @@
 const element = (id) => document.getElementById(id);
 const data = JSON.parse(element("data").textContent);
 const canvas = element("canvas");
-const shown = { mode: "points", axes: true, badges: true, input: false, active: null };
+const shown = { mode: "points", colouring: "part", axes: true, badges: true, input: false, active: null };
 
 function decoded(text, Type) {
   const bytes = Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
@@ -18,6 +18,7 @@ const rgb = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2),
 const points = {
   positions: positions(data.points.positions),
   normals: data.points.normals && Float32Array.from(decoded(data.points.normals, Int8Array), (value) => value / 127),
+  scanColours: data.points.scanColours && decoded(data.points.scanColours, Uint8Array),
   trueColours: data.points.trueColours && decoded(data.points.trueColours, Uint8Array),
   ends: data.points.ends,
 };

@@ -2,6 +2,7 @@ import functools
 import inspect
 import io
 import json
+import math
 import re
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from pipeline.cli.train_flow import train_flow
 from pipeline.configuration.presets import FOLDER, TRAINING_FOLDER, load_settings
 from pipeline.results.delivery import deliver
 from pipeline.results.report_tables import Cell, Row, Table
+from schemas.assessment import Spread
 from schemas.config import PipelineConfig, TrainFlowConfig
 
 DATA = ("--dataset", "scans", "--data", "data")
@@ -98,7 +100,7 @@ def test_status_of_what_was_never_run_is_missing_everywhere(reart):
     result = reart("status", *DATA)
     assert result.exit_code == 0
     assert "box" in result.stdout
-    assert result.stdout.count("missing") == 12
+    assert result.stdout.count("missing") == 13
 
 
 @pytest.mark.parametrize(
@@ -160,6 +162,20 @@ def cells(table, row):
 def test_joints_are_shown_with_their_parts_and_range(samples):
     row = cells(model_table(samples["result"].model), 0)
     assert (row["parent"], row["child"], row["type"], row["range"]) == ("part_0", "part_1", "spherical", "0 .. 0.5 rad")
+
+
+@pytest.mark.parametrize(
+    ("spread", "shown"),
+    [
+        (Spread(direction=math.radians(0.314), place=0.00217), "0.31°, 0.0022 input units"),
+        (Spread(direction=math.radians(12.34)), "12°"),
+        (None, ""),
+    ],
+)
+def test_the_spread_of_a_joint_is_shown_with_two_digits(samples, spread, shown):
+    model = samples["result"].model
+    joint = model.joints[0].model_copy(update={"spread": spread})
+    assert cells(model_table(model.model_copy(update={"joints": (joint,)})), 0)["spread"] == shown
 
 
 def test_a_line_parts_the_sections_and_no_text_is_taken_for_markup():

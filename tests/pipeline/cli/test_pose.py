@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from stages.ingest.point_formats import read_points
+from stages.ingest.point_formats import read_cloud
 
 HEADER = "source_x,source_y,source_z,target_x,target_y,target_z\n"
 
@@ -36,7 +36,7 @@ def test_targets_pose_a_model_and_what_they_do_not_tell_is_said(reart, model, ta
     pose = json.loads((tmp_path / "posed" / "pose.json").read_text())
     assert pose["states"] == {"joint_0_1": pytest.approx(0.03), "joint_1_2": pytest.approx(0, abs=1e-6)}
     assert pose["undetermined"] == ["joint_1_2"]
-    p = read_points(tmp_path / "posed" / "posed.ply")
+    p = read_cloud(tmp_path / "posed" / "posed.ply").points
     np.testing.assert_allclose(p[:200], np.load(targets)["target"], atol=1e-5)
 
 

@@ -27,7 +27,7 @@ def test_the_common_ones_are_few():
     assert COMMON == "common"
     common = {name for name, setting in SETTINGS.items() if not setting.advanced}
     assert {"seed", "ingest.units", "projection.joints", "final_fit.part_price"} <= common
-    assert len(common) <= 20
+    assert len(common) <= 26
 
 
 def test_what_other_data_may_need_is_an_advanced_setting():

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from pipeline.results.model_folder import frames_of_model, read_model_folder
+from pipeline.results.model_folder import ingested_of_model, read_model_folder
 from pipeline.store import artifacts
 from schemas.errors import InputError
 from schemas.manifest import Provenance
@@ -56,23 +56,25 @@ def save(folder, **arrays):
 def test_the_frames_that_a_model_was_fitted_to_are_found_in_its_workdir(folder, samples):
     sequence = samples["ingested"].sequence
     for place in (folder, folder / "workdir" / "scans" / "box" / "result-r1"):
-        frames = frames_of_model(place, read_model_folder(place))
-        assert len(frames) == sequence.frame_count
+        found = ingested_of_model(place, read_model_folder(place)).sequence
+        assert found.frame_count == sequence.frame_count
+        frames, colours = found.in_input()
         assert frames[1] == pytest.approx(sequence.to_input(sequence.frames()[1]))
+        assert colours is None
 
 
 def test_frames_of_another_model_or_lost_ones_are_not_taken(folder):
     result = read_model_folder(folder)
     (folder / "model.json").write_text((folder / "model.json").read_text() + "\n")
-    assert frames_of_model(folder, result) is None
+    assert ingested_of_model(folder, result) is None
     shutil.rmtree(folder / "workdir" / "scans" / "box" / "ingest-i1")
-    assert frames_of_model(folder / "workdir" / "scans" / "box" / "result-r1", result) is None
+    assert ingested_of_model(folder / "workdir" / "scans" / "box" / "result-r1", result) is None
 
 
 def test_a_damaged_sequence_is_not_taken_and_named(folder, caplog):
     [array] = (folder / "workdir" / "scans" / "box" / "ingest-i1").glob("arrays.zarr/sequence/points/c/*/*")
     array.write_bytes(b"x")
-    assert frames_of_model(folder, read_model_folder(folder)) is None
+    assert ingested_of_model(folder, read_model_folder(folder)) is None
     [said] = caplog.messages
     assert "ingest-i1: arrays.zarr/sequence/points/" in said
 

@@ -7,7 +7,8 @@ from pipeline.results.pose_files import TARGET_COLUMNS, pose_files, read_states,
 from schemas.errors import InputError
 from schemas.model_file import ModelFile, ModelPart
 from schemas.pose import Pose
-from stages.ingest.point_formats import read_points
+from stages.ingest.point_formats import read_cloud
+from stages.kernels.labelling.colours import distinct_colours
 
 HEADER = ",".join(TARGET_COLUMNS) + "\n"
 MODEL = ModelFile(
@@ -126,7 +127,17 @@ def test_a_pose_is_read_back_as_it_was_written(tmp_path):
     states, T_read = read_states(written(tmp_path, "pose.json", files["pose.json"]), MODEL)
     assert states == pose.states
     np.testing.assert_array_equal(T_read, T)
-    np.testing.assert_allclose(read_points(written(tmp_path, "posed.ply", files["posed.ply"])), TARGET, rtol=1e-6)
+    np.testing.assert_allclose(read_cloud(written(tmp_path, "posed.ply", files["posed.ply"])).points, TARGET, rtol=1e-6)
+
+
+def test_the_points_have_the_colours_of_the_scan_or_else_of_their_parts(tmp_path):
+    pose = Pose(model_digest=MODEL.digest, units="metre", states={}, T_pose_root=STILL)
+    colours = np.array([[1, 2, 3], [250, 0, 9]], dtype=np.uint8)
+    by_scan = pose_files(pose, TARGET, np.array([0, 1]), colours)["posed.ply"]
+    by_part = pose_files(pose, TARGET, np.array([0, 1]))["posed.ply"]
+    assert np.array_equal(read_cloud(written(tmp_path, "a.ply", by_scan)).colours, colours)
+    expected = (255 * distinct_colours(2)).round()
+    assert np.array_equal(read_cloud(written(tmp_path, "b.ply", by_part)).colours, expected)
 
 
 def test_posed_points_far_away_keep_their_digits(tmp_path):
@@ -135,7 +146,7 @@ def test_posed_points_far_away_keep_their_digits(tmp_path):
     for points, kind in ((p, b"double"), (p - p.mean(axis=0), b"float")):
         ply = pose_files(pose, points, np.zeros(500, dtype=np.int64))["posed.ply"]
         assert b"property " + kind + b" x\n" in ply
-        read = read_points(written(tmp_path, "posed.ply", ply))
+        read = read_cloud(written(tmp_path, "posed.ply", ply)).points
         np.testing.assert_allclose(read, points, rtol=0, atol=1e-4 if kind == b"float" else 0)
 
 

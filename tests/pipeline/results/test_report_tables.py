@@ -62,7 +62,7 @@ def test_costs_are_told_by_stage(scores):
     assert cells(stage_table(scores), "relaxed_fit") == {
         "stage": "relaxed_fit",
         "mean s": "7.0",
-        "share": "12.5%",
+        "share": "11.8%",
         "peak MiB": "101",
     }
     assert cells(joint_table(scores), "bolt")["joints"] == "0/1"

@@ -43,7 +43,7 @@ def test_every_sequence_is_a_job_and_every_stage_a_task(data):
 def test_a_final_fit_setting_changes_only_the_keys_from_the_final_fit_on(data):
     before, after = (labels(plan(request(data, settings))[0]) for settings in ((), ["final_fit.reach=0.5"]))
     changed = {label for label in before if before[label] != after[label]}
-    after_it = {"canonical_frame", "result", "export", "evaluation", "report"}
+    after_it = {"canonical_frame", "assessment", "result", "export", "evaluation", "report"}
     assert changed == {"final_fit[0]", "final_fit[1]", *after_it}
 
 
@@ -96,7 +96,7 @@ def test_an_input_that_cannot_be_read_is_reported_and_stops_no_other(data, monke
             raise InputError("box: cannot be read")
         return "digest"
 
-    monkeypatch.setattr("stages.ingest.sources.FileSource.digest", unreadable)
+    monkeypatch.setattr("stages.ingest.file_source.FileSource.digest", unreadable)
     events = []
     assert [job.source.name for job in plan(request(data), events.append)] == ["lamp"]
     [event] = events
@@ -107,7 +107,7 @@ def test_what_this_machine_lacks_fails_only_where_it_was_asked_for(data, monkeyp
     def unavailable(source):
         raise UnavailableError(f"{source.name}: install its package")
 
-    monkeypatch.setattr("stages.ingest.sources.FileSource.digest", unavailable)
+    monkeypatch.setattr("stages.ingest.file_source.FileSource.digest", unavailable)
     events = []
     assert plan(request(data), events.append) == []
     assert {(event.kind, event.bad_input) for event in events} == {("warning", False)}

@@ -21,6 +21,7 @@ from schemas.errors import InputError
 NO_STAGES = {"kernels", "support", "rearticulation"}
 HEAVY = {"torch", "open3d", "scipy", "networkx", "sklearn", "matplotlib"}
 VALUES = (True, False, 2, 3, 100, 0.5, 1.5, "metre", "mine:function", Path("other"), (1.0, 2.0), (1,), ("spherical",))
+VALUES += ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
 
 
 def leaves(config, prefix=()):

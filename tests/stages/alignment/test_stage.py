@@ -46,6 +46,7 @@ def test_a_scan_that_is_turned_over_is_brought_back(scans):
     off = move_points(found.Ts_common_frame[0] @ PLACE, np.eye(3)) - np.eye(3)
     assert np.abs(off).max() < 0.05
     assert found.shares[0] > 0.5
+    assert not found.upright
     together = in_common_coordinates(scans, found)
     np.testing.assert_array_equal(together.frames()[1], scans.frames()[1])
     assert np.abs(together.frames()[0]).max() < 1.0
@@ -66,7 +67,7 @@ def test_the_way_back_leads_to_each_frame(hinge):
     """A model of common coordinates takes the canonical frame's own points to every frame's own coordinates."""
     rng = np.random.default_rng(0)
     places = from_parts(Rotation.random(5, rng=rng).as_matrix(), rng.normal(size=(5, 3)))
-    alignment = Alignment(own_frames=True, Ts_common_frame=places, shares=np.ones(5))
+    alignment = Alignment(own_frames=True, upright=False, Ts_common_frame=places, shares=np.ones(5))
     common = kinematic(hinge)
     own = in_own_coordinates(common, alignment)
     p_common = hinge.sequence.frames()[common.canonical_frame]

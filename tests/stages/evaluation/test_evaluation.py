@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from schemas.assessment import Assessment, Evidence, Spread, Verdict
 from schemas.config import EvaluationConfig
 from schemas.kinematic import KinematicModel
 from schemas.metrics import Metrics
@@ -541,6 +542,25 @@ def test_the_centre_of_a_ball_joint_is_measured_in_the_canonical_frame_and_only_
     assert (hinge.predicted_type, hinge.ball_centre_percent) == ("revolute", None)
     metrics = measured(true_model(data), data).replace(joints=(*joints, hinge))
     assert figures_of(metrics, {}).ball_centre_percent == pytest.approx(2.0)
+
+
+def test_places_are_measured_at_the_joints_points_and_spreads_go_beside_the_errors() -> None:
+    data = ingested()
+    model = true_model(data)
+    aside = np.cross(model.axis[0], [0.6, 0.0, 0.8])
+    moved = model.point + np.array([0.02 * aside / np.linalg.norm(aside), np.zeros(3), np.zeros(3)])
+    evidence = Evidence(excess=np.ones(FRAMES), unexplained=np.zeros(FRAMES), firmness=np.ones(4), open_share=0.0)
+    spreads = (Spread(direction=0.1, place=0.03), Spread(direction=0.2, place=0.04), Spread(direction=0.3))
+    assessment = Assessment(spreads=spreads, evidence=evidence, verdict=Verdict(trust="poor", reasons=()))
+    config, rng = EvaluationConfig(), np.random.default_rng(0)
+    metrics = compute_evaluation(model.replace(point=moved), data, config, rng, assessment)
+    assert metrics.trust == "poor"
+    first, second, third = metrics.joints
+    assert (first.place_percent, second.place_percent) == (pytest.approx(2.0), pytest.approx(0.0, abs=1e-6))
+    assert third.place_percent is None  # it slides
+    assert [joint.place_spread_percent for joint in metrics.joints] == [pytest.approx(3.0), pytest.approx(4.0), None]
+    assert first.direction_spread_deg == pytest.approx(np.degrees(0.1))
+    assert measured(model, data).joints[0].direction_spread_deg is None
 
 
 def rigid_surface(data: IngestedSequence) -> TrueSurface:

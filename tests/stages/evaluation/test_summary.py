@@ -50,6 +50,23 @@ def test_joints_are_measured_over_the_matched_ones(score):
     assert figures.axis_distance_percent is None
 
 
+def test_spreads_are_measured_over_all_directions_and_places_that_have_one(score):
+    def known(angle, place, spread):
+        return joint(angle).model_copy(
+            update={"place_percent": place, "direction_spread_deg": spread, "place_spread_percent": spread}
+        )
+
+    figures = score(joints=(known(0.5, 1.5, 1.0), known(2.5, None, 1.0), joint(9.0))).figures
+    assert figures.within_one == pytest.approx(1 / 3)
+    assert figures.within_two == pytest.approx(2 / 3)
+    assert score(joints=(joint(9.0),)).figures.within_one is None
+
+
+def test_the_share_of_flagged_models_counts_those_that_have_a_verdict(score):
+    scores = [score(trust=trust) for trust in ("good", "doubtful", "poor", None)]
+    assert mean_figures(scores).flagged == pytest.approx(2 / 3)
+
+
 def test_of_the_joints_that_move_by_more_than_three_spacings_the_share_found_is_told(score):
     still = [joint(travel=3.0), joint(travel=0.5, predicted_type=None)]
     moving = [joint(travel=3.1), joint(travel=30.0), joint(travel=9.0, predicted_type=None)]

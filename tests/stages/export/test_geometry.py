@@ -18,7 +18,8 @@ def test_fused_frames_lie_on_the_canonical_surface_with_their_true_labels(two_pa
     scene = two_part_object
     result = fit_of(scene, free=False)
     frames = input_frames(scene)
-    p, labels = fuse(result, frames, 3.0)
+    cloud = fuse(result, frames, 3.0)
+    p, labels = cloud.points, cloud.labels
     true = [
         np.einsum("nij,nj->ni", np.linalg.inv(result.T_frame_canonical[t])[scene.labels[t]][:, :3, :3], frame)
         + np.linalg.inv(result.T_frame_canonical[t])[scene.labels[t]][:, :3, 3]
@@ -34,14 +35,14 @@ def test_points_far_from_the_model_belong_to_no_part(hinge, fit_of):
     frames = input_frames(hinge)
     astray = [np.concatenate([frame, [[9.0, 9.0, 9.0]]]) for frame in frames]
     result = fit_of(hinge)
-    assert len(fuse(result, astray, 3.0)[0]) == len(fuse(result, frames, 3.0)[0])
+    assert len(fuse(result, astray, 3.0).points) == len(fuse(result, frames, 3.0).points)
 
 
 def test_without_other_frames_the_cloud_is_the_canonical_one(hinge, fit_of):
     result = fit_of(hinge)
-    p, labels = fuse(result, None, 3.0)
-    assert np.array_equal(p, result.canonical_points)
-    assert np.array_equal(labels, result.labels)
+    cloud = fuse(result, None, 3.0)
+    assert np.array_equal(cloud.points, result.canonical_points)
+    assert np.array_equal(cloud.labels, result.labels)
 
 
 def test_a_speck_apart_from_the_rest_is_dropped():

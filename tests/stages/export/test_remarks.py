@@ -11,13 +11,7 @@ def model(samples):
 
 
 def test_of_most_models_there_is_nothing_to_say(model):
-    assert remarks(model, False, None, 0.5, 4.0) == ()
-
-
-@pytest.mark.parametrize(("free", "words"), [(False, "nothing moved"), (True, "moves as one rigid part")])
-def test_a_model_without_joints_is_told(model, free, words):
-    [line] = remarks(model.model_copy(update={"joints": ()}), free, None, 0.5, 4.0)
-    assert words in line
+    assert remarks(model, None, 0.5, 4.0) == ()
 
 
 @pytest.mark.parametrize(
@@ -30,7 +24,7 @@ def test_a_model_without_joints_is_told(model, free, words):
     ],
 )
 def test_an_absurd_size_or_mass_is_told_with_what_to_say(model, units, scale, size, mass, words):
-    [line] = remarks(model.model_copy(update={"units": units}), False, scale, size, mass)
+    [line] = remarks(model.model_copy(update={"units": units}), scale, size, mass)
     assert words in line
     assert "--units" in line
 

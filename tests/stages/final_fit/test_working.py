@@ -3,12 +3,11 @@ import pytest
 
 from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.joints import PRISMATIC, REVOLUTE, SPHERICAL
-from stages.final_fit.working import Fit, relative_motions, to_chain, to_model, working_frames
+from stages.final_fit.working import Fit, chain_of, relative_motions, to_chain, to_model, working_frames
 from stages.kernels.kinematics.chain import Chain, Joint
 from stages.kernels.kinematics.closed_form import fit_joint
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.projection.stage import link_parts
-from stages.rearticulation.mechanism import chain_of
 
 
 def model_of(truth, scale=1.0, Ts=None):

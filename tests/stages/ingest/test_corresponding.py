@@ -11,7 +11,7 @@ from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence
 from stages.evaluation.true_motion import true_positions
-from stages.ingest.sources import file_source
+from stages.ingest.file_source import file_source
 
 FRAMES = 4
 

@@ -111,6 +111,19 @@ def test_points_with_nan_or_infinity_are_dropped_counted_and_reported_once(caplo
     assert "\n" not in record.message
 
 
+def test_colours_follow_the_kept_points(caplog: pytest.LogCaptureFixture) -> None:
+    points = clouds(50, 60)
+    points[1][3, 1] = np.nan
+    colours = [np.random.default_rng(0).integers(256, size=p.shape).astype(np.uint8) for p in points]
+    frames = [Frame(f"{index}.ply", points[index], colours=colours[index]) for index in range(2)]
+    found = normalise(frames, CONFIG, "unknown").colours
+    np.testing.assert_array_equal(found, np.concatenate([colours[0], np.delete(colours[1], 3, axis=0)]))
+    assert "colours" not in caplog.text
+    frames[1] = Frame("1.ply", points[1])
+    assert normalise(frames, CONFIG, "unknown").colours is None
+    assert "left out the colours, which 1.ply" in caplog.text
+
+
 def test_the_warning_stays_short_for_many_frames_and_silent_without_cause(caplog: pytest.LogCaptureFixture) -> None:
     points = clouds(*[50] * 20)
     ingested(points)

@@ -9,9 +9,13 @@ import pytest
 
 from schemas.errors import InputError
 from stages.ingest.messages import TooLargeError
-from stages.ingest.point_formats import read_points
+from stages.ingest.point_formats import read_cloud
 
 POINTS = np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32).astype(np.float64)
+
+
+def read_points(path: Path, most: int = sys.maxsize) -> np.ndarray:
+    return read_cloud(path, most).points
 
 
 def saved(tmp_path: Path, name: str, *pieces: str | bytes) -> Path:

@@ -113,9 +113,9 @@ def test_an_empty_folder_is_named(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_frames_names_what_lies_there(tmp_path: Path) -> None:
-    for name in ("a.obj", "b.obj", "c.txt", "d.las"):
+    for name in ("a.fbx", "b.fbx", "c.txt", "d.step"):
         (tmp_path / name).write_text("about these scans\n")
-    assert "no frame among a.obj, b.obj, c.txt, ..." in refusal(tmp_path)
+    assert "no frame among a.fbx, b.fbx, c.txt, ..." in refusal(tmp_path)
 
 
 def test_frames_of_two_kinds_in_one_folder_are_refused(tmp_path: Path) -> None:
@@ -137,8 +137,8 @@ def test_one_frame_only_is_refused_in_each_form(tmp_path: Path) -> None:
 
 
 def test_a_file_with_a_wrong_ending_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("v 1 2 3\n")
-    assert "found a .obj file" in refusal(tmp_path / "a.obj")
+    (tmp_path / "a.fbx").write_text("v 1 2 3\n")
+    assert "found a .fbx file" in refusal(tmp_path / "a.fbx")
     (tmp_path / "noending").write_text("1 2 3\n")
     refusal(tmp_path / "noending")
 

@@ -12,7 +12,8 @@ import pytest
 
 from schemas.config import IngestConfig
 from schemas.errors import InputError
-from stages.ingest.sources import FileSource, RoboartSource, file_source, list_sources
+from stages.ingest.file_source import FileSource, file_source
+from stages.ingest.sources import RoboartSource, list_sources
 from stages.ingest.stage import compute_ingest
 
 CONFIG = IngestConfig()

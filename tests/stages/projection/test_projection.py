@@ -13,6 +13,7 @@ from stages.projection.stage import (
     middle_part,
     spanning_tree,
     spatial_energies,
+    standing_part,
 )
 
 CONFIG = ProjectionConfig()
@@ -103,3 +104,10 @@ def test_a_base_stands_still_and_a_free_one_is_the_largest_part():
     assert base_part(samples, Ts, sizes, 0.1) == 0
     Ts[1:, :, 1, 3] += 3.0  # the whole moves
     assert base_part(samples, Ts, sizes, 0.1) == 2
+
+
+def test_the_root_on_the_ground_is_the_largest_part_that_reaches_it():
+    rng = np.random.default_rng(0)
+    sizes, bottoms = [300, 100, 60], [0.5, 0.0, 0.004]  # the largest part hangs above the other two
+    p = np.concatenate([rng.uniform(size=(n, 3)) + [0, 0, z] for n, z in zip(sizes, bottoms, strict=True)])
+    assert standing_part(p, np.repeat([0, 1, 2], sizes), 0.05) == 1

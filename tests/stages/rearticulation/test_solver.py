@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from schemas.joints import REVOLUTE, SPHERICAL
 from schemas.kinematic import KinematicModel
+from stages.final_fit.working import chain_of
 from stages.kernels.kinematics.chain import Chain, Joint
-from stages.rearticulation.mechanism import Mechanism, chain_of
+from stages.rearticulation.mechanism import Mechanism
 from stages.rearticulation.solver import condensed, rearticulate
 
 FRAMES, CANONICAL = 6, 2

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from schemas.assessment import Spread, Verdict
 from schemas.metrics import JointMetrics
 from schemas.sequence import IngestedSequence
 from stages.report import scene
@@ -165,6 +166,27 @@ def test_what_the_user_should_know_is_told(arm):
     frames = [sequence.to_input(frame) for frame in sequence.frames()]
     page = Page(report_page("arm", result, frames, compute_report(result, sequence), robot))
     assert "nothing moved <at all>" in page.text
+
+
+def test_the_verdict_and_the_spreads_are_told(arm):
+    result, sequence, robot, *_ = arm
+    first, *others = result.model.joints
+    spread = Spread(direction=np.radians(0.314), place=2.17)
+    told = {
+        "joints": (first.model_copy(update={"spread": spread}), *others),
+        "verdict": Verdict(trust="doubtful", reasons=("<b>the first</b>", "the second")),
+    }
+    result = result.replace(model=result.model.model_copy(update=told))
+    frames = [sequence.to_input(frame) for frame in sequence.frames()]
+    page = Page(report_page("arm", result, frames, compute_report(result, sequence), robot))
+    assert page.all("div", **{"class": "verdict doubtful"})
+    assert {"trust: doubtful", "<b>the first</b>", "the second", "± 0.31°", "± 2.2 mm"} <= set(page.text)
+
+
+def test_a_page_of_an_older_model_has_no_verdict(page):
+    parsed = Page(page)
+    assert not [a for a in parsed.all("div") if "verdict" in a.get("class", "")]
+    assert "±" not in "".join(parsed.text)
 
 
 def test_the_truth_is_told_where_there_is_one(page):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from schemas.assessment import Assessment, Evidence, Spread, Verdict
 from schemas.joints import JOINT_KINDS
 from schemas.kinematic import KinematicModel
 from schemas.model_file import ModelFile
@@ -116,6 +117,20 @@ def test_canonical_points_are_the_input_points_bit_for_bit() -> None:
     assert arrays["canonical_points"].dtype == np.float32
     np.testing.assert_array_equal(arrays["canonical_points"], input_frames()[CANONICAL])
     np.testing.assert_array_equal(arrays["labels"], model().labels)
+
+
+def test_what_is_known_of_a_models_worth_is_in_the_inputs_units() -> None:
+    spreads = (Spread(direction=0.02, place=0.01), Spread(direction=0.03), Spread(direction=0.04, place=0.5))
+    evidence = Evidence(excess=np.ones(FRAMES), unexplained=np.zeros(FRAMES), firmness=np.ones(4), open_share=0.0)
+    verdict = Verdict(trust="doubtful", reasons=("the weightiest", "another"))
+    assessment = Assessment(spreads=spreads, evidence=evidence, verdict=verdict)
+    description, _ = loaded(result_files(compute_result(model(), sequence(), assessment)))
+    assert description["verdict"] == {"trust": "doubtful", "reasons": ["the weightiest", "another"]}
+    assert [joint["spread"] for joint in description["joints"]] == [
+        {"direction": 0.02, "place": pytest.approx(3.4641)},
+        {"direction": 0.03},
+        {"direction": 0.04, "place": pytest.approx(173.205)},
+    ]
 
 
 def test_the_header_and_parts_tell_what_the_model_is() -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,15 @@ import pytest
 from schemas.errors import InputError
 from stages.ingest.formats.tables import looks_like_table
 from stages.ingest.messages import TooLargeError
-from stages.ingest.point_formats import read_points
+from stages.ingest.point_formats import read_cloud
 from stages.ingest.readers import read_frames
 
 POINTS = np.random.default_rng(0).normal(size=(40, 3)).round(4)
 COLOURED = np.column_stack([POINTS, np.full((40, 3), 200)])
+
+
+def read_points(path: Path, most: int = sys.maxsize) -> np.ndarray:
+    return read_cloud(path, most).points
 
 
 def rows(values: np.ndarray = POINTS, between: str = " ", form: str = "%.4f") -> str:

@@ -171,7 +171,7 @@ def test_a_far_sparser_frame_pulls_by_what_its_points_tell(hinge):
     labels, Ts = hinge.canonical_labels, hinge.Ts_frame_canonical[[2, 3]]
     own = registration.linearise(labels, Ts, 2.0)
     registration.spacing = registration.spacings[1]
-    registration._shares[:] = 1.0
+    registration.shares[:] = 1.0
     coarse = registration.linearise(labels, Ts, 2.0)
     assert own.cost == pytest.approx(coarse.cost)
     np.testing.assert_allclose(

@@ -6,7 +6,7 @@ import pytest
 
 from schemas.joints import PRISMATIC, REVOLUTE, SCREW, SPHERICAL
 from stages.kernels.alignment.registration import NormalEquations, twist_jacobian
-from stages.kernels.kinematics.chain import Chain, Joint, _jacobians, _stepped, fit_chain
+from stages.kernels.kinematics.chain import Chain, Joint, _stepped, fit_chain, jacobians
 from stages.kernels.kinematics.tree import KinematicTree, joint_transforms
 from stages.kernels.motion.rigid_motion import rotations
 
@@ -82,7 +82,7 @@ def test_jacobians_are_those_of_finite_differences(shape, free_root):
     there = posed(chain.Ts, p)
     centres = there.mean(axis=2)
     arms = (there - centres[:, :, None]) / SPACING
-    own, shared = _jacobians(chain, centres, SPACING)
+    own, shared = jacobians(chain, centres, SPACING)
     assert own.shape[-1] == chain.tree.size
     assert shared.shape[-1] == 6 * joints
     for jacobian in (own, shared):

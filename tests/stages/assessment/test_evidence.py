@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from schemas.config import FinalFitConfig
+from stages.assessment.evidence import evidence_of
+from stages.final_fit.working import Fit, chain_of, working_frames
+
+
+def evidence(model, sequence):
+    frames = working_frames(sequence, model.canonical_frame, FinalFitConfig())
+    return evidence_of(Fit(chain_of(model, free_root=False), model.labels[frames.index]), frames)
+
+
+def test_the_true_model_leaves_what_sampling_does_and_its_parts_are_firm(hinged):
+    model, sequence = hinged
+    found = evidence(model, sequence)
+    assert found.excess == pytest.approx(np.ones(len(found.excess)), abs=0.25)
+    assert found.excess[model.canonical_frame] == 1.0
+    assert found.unexplained.max() < 0.02
+    assert found.firmness.shape == (2,)
+    assert found.firmness.min() > 0.9
+    assert found.open_share < 0.05
+
+
+def test_noise_is_not_held_against_a_model(hinged, changed):
+    model, sequence = hinged
+    rng = np.random.default_rng(0)
+    noisy = changed(sequence, lambda frames: [frame + rng.normal(0, 0.02, frame.shape) for frame in frames])
+    assert evidence(model, noisy).excess.max() < 1.5
+
+
+def test_a_frame_that_shows_something_else_stands_out(hinged, changed):
+    model, sequence = hinged
+
+    def turned(frames):
+        return [frame[:, [1, 2, 0]] if t == 4 else frame for t, frame in enumerate(frames)]
+
+    found = evidence(model, changed(sequence, turned))
+    assert found.excess[4] > 2 > found.excess[[0, 1, 3]].max()
+    assert found.unexplained[4] > 0.3 > found.unexplained[[0, 1, 3]].max()
+
+
+def test_a_part_that_no_motion_tells_from_its_neighbour_is_not_firm(round_cap):
+    found = evidence(*round_cap)
+    assert found.firmness.min() < 0.3
+    assert found.open_share > 0.1
+    assert found.excess.max() < 1.3  # though all frames fit
