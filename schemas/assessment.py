@@ -14,7 +14,7 @@ Trust = Literal["good", "doubtful", "poor"]
 
 
 class Spread(Schema):
-    """How exactly a joint's axis is known: about 68 % of true ones lie within one spread, 95 % within two.
+    """How exactly a joint's axis is known: a standard error, within which 68 % of true ones are meant to lie.
 
     `direction` is in radians; None for a joint without an axis. `place` is the distance of the true axis, or centre,
     from the joint's point; None for a prismatic joint, which may be anywhere. Lengths are in the unit of what the
