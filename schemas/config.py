@@ -17,6 +17,7 @@ from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Sett
 JOINT_SAMPLES = 60  # points of a part at which joints are judged
 CONTACT = 2.0  # point spacings within which sampled surfaces touch
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
+MOST_PIXELS = 10_000_000  # of the depth images of a frame: 1 GB while they are made
 
 
 class _Sampled(Protocol):
@@ -58,6 +59,12 @@ class DepthConfig(Settings):
     grazing_degrees: float = Field(
         default=80.0, gt=0, le=90, description="a surface turned farther from the camera than this returns nothing"
     )
+
+    @model_validator(mode="after")
+    def _check_pixels(self) -> Self:
+        if self.cameras * self.width * self.height > MOST_PIXELS:
+            raise ValueError(f"expected at most {MOST_PIXELS} pixels in all images of a frame")
+        return self
 
 
 class ArtefactsConfig(Settings):

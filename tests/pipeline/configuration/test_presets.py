@@ -137,6 +137,8 @@ def test_an_unknown_setting_is_refused_with_the_nearest_known(override, suggesti
         "canonical_frame.frames=[2, 2]",
         "ingest.roboart.frames=1000000000",
         "ingest.roboart={frames=10000, points=1000000}",
+        "ingest.roboart.depth={cameras=100, width=2000, height=2000}",
+        "ingest.roboart={viewpoints=3, depth={cameras=1}}",
         "ingest.roboart.sweep_degrees=[90, 40]",
         "ingest.roboart.sweep_degrees=[0, 40]",
         "ingest.roboart.sweep_degrees=[40, 9000]",
