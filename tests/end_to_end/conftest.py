@@ -103,7 +103,7 @@ class Place:
 
     def reart(self, *words: object) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [*REART, *map(str, words), *TINY * (words[0] != "inspect")],
+            [*REART, *map(str, words), *TINY * (words[0] not in ("inspect", "pose"))],
             cwd=self.folder,
             capture_output=True,
             text=True,
