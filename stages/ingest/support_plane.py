@@ -19,6 +19,7 @@ _FITTED = 30  # the planes with the most points among them, which differ
 _PARALLEL = 0.97  # cosine of the angle between normals of planes that do not
 _FITS = 5  # times that each is fitted to its points
 _NEIGHBOURS = 30  # points that a plane is tried through
+_FEWEST = 3  # points that a plane is fitted to
 _REACH = 0.005  # least distance of a plane's points from it while it is looked for, as a share of the size
 _DEVIATIONS = 4.0  # the same in the end, in standard deviations of the points' distances
 _ONE_SIDE = 0.95  # least share of the other points that lies on one side
@@ -116,6 +117,8 @@ def _fitted(plane: Plane, seen: Points, reach: float) -> Plane:
     """Fit a plane to its points. The object is where most other points are."""
     for _ in range(_FITS):
         own = seen[np.abs(plane.height(seen)) <= reach]
+        if len(own) < _FEWEST:
+            break
         middle = own.mean(axis=0)
         normal = np.linalg.eigh((own - middle).T @ (own - middle))[1][:, 0]
         plane = Plane(normal, float(normal @ middle))

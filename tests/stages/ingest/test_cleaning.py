@@ -10,7 +10,7 @@ from schemas.config import CleanConfig, IngestConfig
 from schemas.errors import InputError
 from stages.ingest.cleaning import clean, in_box, in_large_pieces, near_others
 from stages.ingest.readers import Frame
-from stages.ingest.support_plane import above_support, support_plane
+from stages.ingest.support_plane import Plane, _fitted, above_support, support_plane
 
 
 def rng() -> np.random.Generator:
@@ -78,6 +78,12 @@ def test_what_lies_below_the_table_is_taken_with_it() -> None:
 def test_few_points_and_points_at_one_place_have_no_table() -> None:
     for points in (np.zeros((500, 3)), np.random.default_rng(0).normal(size=(10, 3)), np.zeros((0, 3))):
         assert above_support(points, 0.05, rng()).all()
+
+
+def test_a_plane_that_no_point_is_near_to_stays_as_it_was() -> None:
+    between = Plane(np.array([0.0, 0.0, 1.0]), 5.0)  # as the plane through neighbours on both sides of a gap
+    points = np.concatenate([box(), box() + [0, 0, 10]])
+    assert abs(_fitted(between, points, 0.01).offset) == 5.0
 
 
 def test_strays_are_outliers() -> None:
