@@ -22,10 +22,10 @@ def evidence_of(fit: Fit, frames: Frames) -> Evidence:
     floor = _floor(frames, frames.canonical_frame)
     for t in registration.others:
         pairs = registration.pairs(t, fit.labels, fit.chain.Ts)
-        left = registration.pair_costs(t, pairs).mean()
+        left = registration.pair_costs(t, pairs)[pairs.observable].mean()
         excess[t] = 2 * left / max(floor + _floor(frames, t), 1e-12)
-        back = pairs.distance[len(fit.labels) :]
-        unexplained[t] = float(np.mean(back > OFF))
+        back = slice(len(fit.labels), None)
+        unexplained[t] = float(np.mean((pairs.distance > OFF)[back] & pairs.observable[back]))
     firmness, open_share = label_firmness(fit, frames)
     return Evidence(excess=excess, unexplained=unexplained, firmness=firmness, open_share=open_share)
 

@@ -101,7 +101,8 @@ def working_frames(
     """At most `config.points` well spread points of each frame."""
     frames = sequence.frames()
     chosen = [working_points(frame, config.points) for frame in frames]
-    registration = Registration([frame[index] for frame, index in zip(frames, chosen, strict=True)], canonical_frame)
+    clouds = [frame[index] for frame, index in zip(frames, chosen, strict=True)]
+    registration = Registration(clouds, canonical_frame, viewpoints=sequence.viewpoints)
     return Frames(registration, frames[canonical_frame], chosen[canonical_frame], canonical_frame, config, kinds)
 
 

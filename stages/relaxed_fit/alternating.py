@@ -94,7 +94,7 @@ def solve_alternating(
     """
     settings = config.alternating
     frames = [frame[working_points(frame, settings.points)] for frame in sequence.frames()]
-    registration = Registration(frames, canonical_frame, settings.truncation)
+    registration = Registration(frames, canonical_frame, settings.truncation, sequence.viewpoints)
     settings = settings.model_copy(update={"part_price": price_over(registration.evidence, settings.part_price)})
     trajectories = follow_flow(registration.p, sequence, flow, canonical_frame, config.energy.flow_neighbours)
     problem = Problem(registration, surface_graph(registration.p), settings)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from stages.kernels.alignment.registration import Registration
+from stages.kernels.alignment.visibility import sum_of_seen
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import nearest
 
@@ -40,7 +41,8 @@ def motion_cost(
     Each frame's surface near the moved point is carried back by the part's motion. Where the motion is right, all
     frames' patches lie on one plane through the point; its scatter is far below a single frame's sampling noise.
     The cost in a frame is the squared distance of the nearest point from that plane in units of its spread, plus half
-    its squared distance from the moved point in spacings, truncated.
+    its squared distance from the moved point in spacings, truncated. Frames that hide the moved point are taken to cost
+    what the others let one expect.
     """
     step = max(1, CHUNK // len(registration.others))
     chunks = [slice(start, start + step) for start in range(0, len(point), step)]
@@ -60,11 +62,13 @@ def gross_cost(
 
     What is far from every surface in a few frames needs no closer look.
     """
-    total = np.zeros(len(point))
-    for t in frames:
-        distance = nearest(registration.trees[t], move_points(Ts[t, part], p[point]))[0] / registration.spacings[t]
-        total += np.minimum(0.5 * distance**2, registration.truncation)
-    return total / len(frames)
+    costs, hidden = np.empty((len(frames), len(point))), np.zeros((len(frames), len(point)), dtype=bool)
+    for slot, t in enumerate(frames):
+        moved = move_points(Ts[t, part], p[point])
+        distance = nearest(registration.trees[t], moved)[0] / registration.spacings[t]
+        costs[slot] = np.minimum(0.5 * distance**2, registration.truncation)
+        hidden[slot] = registration.hides(t, moved, distance)
+    return sum_of_seen(costs, hidden, 0) / len(frames)
 
 
 def _cost(
@@ -73,7 +77,7 @@ def _cost(
     part: Int64[np.ndarray, "entries"],
     Ts: Float64[np.ndarray, "frames parts 4 4"],
 ) -> Float64[np.ndarray, "entries"]:
-    carried, distance = _carried_back(registration, p, part, Ts)
+    carried, distance, hidden = _carried_back(registration, p, part, Ts)
     cloud = carried.reshape(len(p), -1, 3)
     weights = np.exp(-0.5 * (cloud**2).sum(axis=-1) / NEAR**2) + 1e-6
     weights /= weights.sum(axis=1, keepdims=True)
@@ -83,7 +87,7 @@ def _cost(
     plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / FUSED_PLANE_SPREAD
     own = np.einsum("ni,ni->n", normal, mean) / FUSED_PLANE_SPREAD
     most = registration.truncation
-    total = np.minimum(plane**2 + 0.5 * distance**2, most).sum(axis=1) + np.minimum(own**2, most)
+    total = sum_of_seen(np.minimum(plane**2 + 0.5 * distance**2, most), hidden, 1) + np.minimum(own**2, most)
     return total / len(registration.others)
 
 
@@ -92,11 +96,19 @@ def _carried_back(
     p: Float64[np.ndarray, "entries 3"],
     part: Int64[np.ndarray, "entries"],
     Ts: Float64[np.ndarray, "frames parts 4 4"],
-) -> tuple[Float64[np.ndarray, "entries frames nearest 3"], Float64[np.ndarray, "entries frames"]]:
-    """Offsets to the nearest points, carried back to each point, and the least distance; in each frame's spacings."""
+) -> tuple[
+    Float64[np.ndarray, "entries frames nearest 3"],
+    Float64[np.ndarray, "entries frames"],
+    Bool[np.ndarray, "entries frames"],
+]:
+    """Offsets to the nearest points, carried back to each point, and the least distance; in each frame's spacings.
+
+    And which frames hide the moved point.
+    """
     count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
     carried = np.empty((len(p), len(registration.others), count, 3))
     distance = np.empty((len(p), len(registration.others)))
+    hidden = np.zeros((len(p), len(registration.others)), dtype=bool)
     for slot, t in enumerate(registration.others):
         T = Ts[t, part]
         moved = move_points(T, p)
@@ -104,4 +116,5 @@ def _carried_back(
         offset = registration.frames[t][index.reshape(len(p), count)] - moved[:, None]
         carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.spacings[t]
         distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.spacings[t]
-    return carried, distance
+        hidden[:, slot] = registration.hides(t, moved, distance[:, slot])
+    return carried, distance, hidden

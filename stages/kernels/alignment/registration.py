@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
-from stages.kernels.motion.rigid_motion import from_parts, move_points, rotations
+from stages.kernels.alignment.visibility import View, sum_of_seen
+from stages.kernels.motion.rigid_motion import from_parts, inverse, move_points, rotations
 from stages.kernels.points.nearest import KDTree, nearest, neighbours
 from stages.kernels.points.sampling import normals, point_spacing
 
@@ -16,6 +17,7 @@ POINT_TO_POINT = 0.1  # weight of the plain squared distance beside the squared 
 FRAME_PLANE_SPREAD = 0.4  # of plane distances to one frame, in spacings, where a model fits
 TRUNCATION = 9.0  # most that a point can cost in one frame: three spreads
 DAMPING = 1e-4
+CLOSE = 2.0  # spacings from a frame's nearest point within which a place is not asked whether it is hidden
 SPARSER = 1.5  # a frame whose spacing is so many times the canonical one's has a unit of length of its own
 
 
@@ -40,6 +42,7 @@ class Pairs:
     First each canonical point with its nearest one of the frame, in their order, then each point of the frame with the
     nearest canonical one. `p` is the posed canonical point of each pair and `normal` that of the frame's surface.
     `offset` leads from the frame's point to the posed one, in spacings. `distance` is in the frame's own spacings.
+    Of a pair that is not `observable` one side is hidden in the other one's frame: it says nothing.
     """
 
     source: Int64[np.ndarray, "pairs"]
@@ -48,6 +51,7 @@ class Pairs:
     normal: Float64[np.ndarray, "pairs 3"]
     offset: Float64[np.ndarray, "pairs 3"]
     distance: Float64[np.ndarray, "pairs"]
+    observable: Bool[np.ndarray, "pairs"]
 
 
 class Registration:
@@ -57,10 +61,16 @@ class Registration:
     (entries,) of group numbers; groups may overlap. Each group moves by `Ts` (frames, groups, 4, 4).
     Lengths inside are in units of `spacing`, the canonical cloud's. Distances in a far sparser frame are in units of
     that frame's own spacing (`spacings`), since its points are that far off however well they fit.
+
+    Where the cameras' places are known (`viewpoints`), what a frame hides says nothing of the motion in that frame.
     """
 
     def __init__(
-        self, frames: Sequence[Float64[np.ndarray, "points 3"]], canonical_frame: int, truncation: float = TRUNCATION
+        self,
+        frames: Sequence[Float64[np.ndarray, "points 3"]],
+        canonical_frame: int,
+        truncation: float = TRUNCATION,
+        viewpoints: Float64[np.ndarray, "frames cameras 3"] | None = None,
     ) -> None:
         self.truncation = truncation
         self.p = frames[canonical_frame]
@@ -72,6 +82,11 @@ class Registration:
         self.frames = frames
         self.trees = [KDTree(frame) for frame in frames]
         self._normals = [normals(frame) for frame in frames]
+        self.canonical_frame = canonical_frame
+        self._views = None
+        if viewpoints is not None:
+            seen = zip(frames, viewpoints, self.spacings, strict=True)
+            self._views = [View.of(frame, p_cameras, spacing) for frame, p_cameras, spacing in seen]
 
     @property
     def evidence(self) -> float:
@@ -87,24 +102,51 @@ class Registration:
         """How badly each point's motion is borne out, averaged over frames.
 
         In a frame: the squared plane distance in units of its spread plus half the squared point distance in
-        spacings, truncated.
+        spacings, truncated. Frames that hide the point are taken to cost what the others let one expect.
         """
-        total = np.zeros(len(index))
-        for t in self.others:
+        costs, hidden = np.empty((len(self.others), len(index))), np.zeros((len(self.others), len(index)), dtype=bool)
+        for slot, t in enumerate(self.others):
             p, target, distance = self._matches(t, index, group, Ts)
             offset = (p - self.frames[t][target]) / self.spacings[t]
-            total += _match_cost(self._normals[t][target], offset, distance, self.truncation)
-        return total / len(self.others)
+            costs[slot] = _match_cost(self._normals[t][target], offset, distance, self.truncation)
+            hidden[slot] = self.hides(t, p, distance)
+        return sum_of_seen(costs, hidden, 0) / len(self.others)
 
     def cost_back(self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"]) -> float:
-        """How badly the posed model bears out the frames' points: `cost` the other way round, in sum."""
+        """How badly the posed model bears out the frames' points: `cost` the other way round, in sum.
+
+        Points that the canonical frame hides cost nothing.
+        """
         total = 0.0
         for t in self.others:
             p = move_points(Ts[t, labels], self.p)
             distance, source = nearest(KDTree(p), self.frames[t])
             offset = (p[source] - self.frames[t]) / self.spacings[t]
-            total += _match_cost(self._normals[t], offset, distance / self.spacings[t], self.truncation).sum()
+            costs = _match_cost(self._normals[t], offset, distance / self.spacings[t], self.truncation)
+            total += costs[~self._hidden_before(t, labels[source], Ts, distance / self.spacings[t])].sum()
         return float(total / len(self.others))
+
+    def hides(
+        self, t: int, p: Float64[np.ndarray, "entries 3"], distance: Float64[np.ndarray, "entries"]
+    ) -> Bool[np.ndarray, "entries"]:
+        """Which places frame t hides, given how far its nearest point is, in spacings. None where nobody knows."""
+        hidden = np.zeros(len(p), dtype=bool)
+        if self._views is not None:
+            far = np.flatnonzero(distance > CLOSE)
+            hidden[far] = self._views[t].hides(p[far])
+        return hidden
+
+    def _hidden_before(
+        self,
+        t: int,
+        part: Int64[np.ndarray, "target_points"],
+        Ts: Float64[np.ndarray, "frames parts 4 4"],
+        distance: Float64[np.ndarray, "target_points"],
+    ) -> Bool[np.ndarray, "target_points"]:
+        """Which points of frame t the canonical frame hides, were they points of the given parts."""
+        if self._views is None:
+            return np.zeros(len(part), dtype=bool)
+        return self.hides(self.canonical_frame, move_points(inverse(Ts[t])[part], self.frames[t]), distance)
 
     def refine_groups(
         self,
@@ -127,7 +169,7 @@ class Registration:
                     groups,
                     self._normals[t][target],
                     (p - self.frames[t][target]) / self.spacing,
-                    self.shares[t] * robust_weight(distance, reach),
+                    self.shares[t] * robust_weight(distance, reach) * ~self.hides(t, p, distance),
                 )
                 hessian += DAMPING * _scaled_identity(hessian)
                 twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
@@ -178,7 +220,7 @@ class Registration:
             pairs = self.pairs(t, labels, Ts)
             part, share = labels[pairs.source], self.shares[t]
             arms = (pairs.p - centres[t, part]) / self.spacing
-            weight = robust_weight(pairs.distance, reach)
+            weight = robust_weight(pairs.distance, reach) * pairs.observable
             hessian[t], gradient[t] = normal_equations(arms, part, parts, pairs.normal, pairs.offset, share * weight)
             squares = share * np.einsum("ni,ni->n", pairs.normal, pairs.offset) ** 2
             cost += float(((squares + POINT_TO_POINT * pairs.distance**2) * np.sqrt(weight)).sum())
@@ -189,11 +231,14 @@ class Registration:
         index = np.arange(len(self.p))
         p, target, distance = self._matches(t, index, labels, Ts)
         back_distance, back = nearest(KDTree(p), self.frames[t])
+        back_distance = back_distance / self.spacings[t]
+        hidden = [self.hides(t, p, distance), self._hidden_before(t, labels[back], Ts, back_distance)]
         source = np.concatenate([index, back])
         target = np.concatenate([target, np.arange(len(back))])
-        distance = np.concatenate([distance, back_distance / self.spacings[t]])
+        distance = np.concatenate([distance, back_distance])
         p = p[source]
-        return Pairs(source, target, p, self._normals[t][target], (p - self.frames[t][target]) / self.spacing, distance)
+        normal, offset = self._normals[t][target], (p - self.frames[t][target]) / self.spacing
+        return Pairs(source, target, p, normal, offset, distance, ~np.concatenate(hidden))
 
     def pair_costs(self, t: int, pairs: Pairs) -> Float64[np.ndarray, "pairs"]:
         """What each pair of frame t costs, as `cost` counts it."""
