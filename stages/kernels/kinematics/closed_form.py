@@ -13,6 +13,8 @@ from schemas.joints import JointKind
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.kernels.motion.rigid_motion import move_points, rotation_vectors, rotations
 
+FAR_TURN = np.pi / 2  # between frames that follow each other, from which on they are taken to be in no order
+
 
 @dataclass(frozen=True)
 class JointFit:
@@ -187,8 +189,23 @@ def _angles_about(
 
 
 def _unwrapped(angle: Float64[np.ndarray, "*batch frames"]) -> Float64[np.ndarray, "*batch frames"]:
-    """Angles without jumps of whole turns between frames; the frame with the least angle keeps its own."""
-    jumps = np.round(np.diff(angle, axis=-1) / (2 * np.pi))
-    turns = np.concatenate([np.zeros_like(angle[..., :1]), -np.cumsum(jumps, axis=-1)], axis=-1)
+    """Angles without jumps of whole turns; the frame with the least angle keeps its own.
+
+    Frames that follow each other turn on from one to the next. Where some turn by more than `FAR_TURN`, frames are in
+    no order: all angles then lie on the shortest arc that holds them.
+    """
+    steps = np.diff(angle, axis=-1)
+    jumps = np.round(steps / (2 * np.pi))
+    following = np.concatenate([np.zeros_like(angle[..., :1]), -np.cumsum(jumps, axis=-1)], axis=-1)
+    far = (np.abs(steps - 2 * np.pi * jumps) > FAR_TURN).any(axis=-1, keepdims=True)
+    turns = np.where(far, _turns_into_one_arc(angle), following)
     still = np.abs(angle).argmin(axis=-1)[..., None]
     return angle + 2 * np.pi * (turns - np.take_along_axis(turns, still, axis=-1))
+
+
+def _turns_into_one_arc(angle: Float64[np.ndarray, "*batch frames"]) -> Float64[np.ndarray, "*batch frames"]:
+    """Whole turns that bring angles within one turn of each other onto the shortest arc of the circle."""
+    ahead = np.sort(angle, axis=-1)
+    gaps = np.diff(ahead, axis=-1, append=ahead[..., :1] + 2 * np.pi)
+    before = np.take_along_axis(ahead, gaps.argmax(axis=-1)[..., None], axis=-1)  # the widest gap follows this angle
+    return np.where(angle > before, -1.0, 0.0)

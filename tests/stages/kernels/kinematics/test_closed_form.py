@@ -161,3 +161,17 @@ def test_states_can_be_counted_from_any_frame(kind, Ts):
     fit = fit_joint([kind], Ts, BODY).since(3)
     np.testing.assert_array_equal(fit.states_of()[3], 0)
     np.testing.assert_allclose(fit.transforms(), Ts @ np.linalg.inv(Ts[3]), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "expected"),
+    [
+        ([0, 80, 160, 240, 320, 400], [0, 80, 160, 240, 320, 400]),  # a wheel that turns on
+        ([0, 130, -70, 100, -40], [0, 130, -70, 100, -40]),  # in no order, over 200 degrees
+        ([0, 170, 20, 230, 60], [0, 170, 20, 230, 60]),  # beyond half a turn
+    ],
+)
+def test_angles_of_frames_in_order_and_in_none(degrees, expected):
+    fit = fit_joint([REVOLUTE], screw(np.radians(degrees)), BODY)
+    states = np.degrees(np.sign(fit.axis @ AXIS) * fit.states_of()[:, 0])
+    np.testing.assert_allclose(states, expected, atol=1e-4)
