@@ -16,6 +16,7 @@ from schemas.settings import DegreeRange, DifferentFrames, NamedUnit, Seed, Sett
 
 JOINT_SAMPLES = 60  # points of a part at which joints are judged
 CONTACT = 2.0  # point spacings within which sampled surfaces touch
+FEW_FRAMES = 6  # at most so many are taken for states in no order, of which all are tried as the canonical one
 MOST_SAMPLED = 100_000_000  # points of a built sequence, all frames together: 2.4 GB
 MOST_PIXELS = 10_000_000  # of the depth images of a frame: 1 GB while they are made
 
@@ -416,7 +417,9 @@ class BodiesConfig(Settings):
     """Another start of the solver `alternating`, for frames far apart: bodies found one by one over all frames."""
 
     points: int = Field(default=2048, ge=64, description="points per frame that bodies are found on")
-    few_frames: int = Field(default=6, ge=0, description="sequences of at most so many frames are always searched")
+    few_frames: int = Field(
+        default=FEW_FRAMES, ge=0, description="sequences of at most so many frames are always searched"
+    )
     most_frames: int = Field(default=12, ge=0, description="those of more frames never are")
     far: float = Field(
         default=0.2, ge=0, description="those between are where points move farther from frame to frame, in diagonals"
@@ -479,8 +482,10 @@ class MergingConfig(Settings):
 class CanonicalFrameConfig(Settings):
     """Which frames are tried as the canonical one, and how one is chosen (A.5)."""
 
-    candidates: int = common(
-        default=2, ge=1, le=100, description="canonical frames that are tried: the middle frame and its neighbours"
+    candidates: Annotated[int, Field(ge=1, le=100)] | None = common(
+        default=None,
+        description="canonical frames that are tried, from the middle one on; where it is not given, all of up to "
+        f"{FEW_FRAMES} frames, and two of more",
     )
     frames: DifferentFrames = common(
         default=(), max_length=100, description="these frames are tried instead, where given"
@@ -488,12 +493,21 @@ class CanonicalFrameConfig(Settings):
     by: Literal["fit", "project"] = Field(
         default="fit", description="choose by what the final fit leaves, or by E_project + E_group as published"
     )
-    fits: int = Field(
-        default=1,
-        ge=1,
-        le=100,
-        description="candidates with a relaxed fit of their own; the others get the first one's",
+    fits: Annotated[int, Field(ge=1, le=100)] | None = Field(
+        default=None,
+        description="candidates with a relaxed fit of their own; the others get the first one's; where it is not "
+        f"given, all of up to {FEW_FRAMES} frames, and one of more",
     )
+
+    def tried(self, frame_count: int | None) -> int:
+        """How many frames are tried, of so many; the count of frames is None where it is not known yet."""
+        few = frame_count is not None and frame_count <= FEW_FRAMES
+        return len(self.frames) or self.candidates or (frame_count if frame_count and few else 2)
+
+    def fitted(self, frame_count: int | None) -> int:
+        """How many of them have a relaxed fit of their own."""
+        few = frame_count is not None and frame_count <= FEW_FRAMES
+        return self.fits or (self.tried(frame_count) if few else 1)
 
 
 class FinalFitConfig(Settings):

@@ -44,7 +44,9 @@ def plan(request: Request, notify: Listener = ignore) -> list[Job]:
 
 
 def _job(source: Source, request: Request, notify: Listener) -> Job:
-    job = Job(request.dataset, source, source.digest(), request.config, request.workdir, notify)
+    config = request.config
+    frame_count = source.frame_count(config.ingest)
+    job = Job(request.dataset, source, source.digest(), config, request.workdir, notify, frame_count=frame_count)
     if request.rerun is not None:
         job.replaces.update(_completion_times(downstream_of(request.rerun, final_tasks(job))))
     return job

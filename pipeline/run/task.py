@@ -50,6 +50,7 @@ class Job:
     workdir: Path
     notify: Listener = ignore
     replaces: dict[Path, int] = field(default_factory=dict)  # artifact to replace -> when it was completed
+    frame_count: int | None = None  # where it is known before the frames are read
 
     @property
     def folder(self) -> Path:

@@ -64,7 +64,7 @@ class AlignmentTask(StageTask):
     def check(self, inputs: Inputs) -> None:
         from stages.canonical_frame.candidates import candidate_frames
 
-        candidate_frames(inputs["ingest"].sequence.frames(), self.job.config.canonical_frame)
+        candidate_frames(inputs["ingest"].sequence.point_counts.tolist(), self.job.config.canonical_frame)
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Alignment:
@@ -132,7 +132,7 @@ class RelaxedFitTask(CandidateTask):
     stage, version, schema = "relaxed_fit", relaxed_fit.VERSION, RelaxedModel
 
     def requires(self) -> dict[str, StageTask]:
-        if self.candidate >= self.job.config.canonical_frame.fits:
+        if self.candidate >= self.job.config.canonical_frame.fitted(self.job.frame_count):
             return super().requires() | {"relaxed_fit": RelaxedFitTask(job=self.job, candidate=0)}
         return super().requires() | {"flow": FlowTask(job=self.job)}
 
@@ -146,7 +146,7 @@ class RelaxedFitTask(CandidateTask):
         from stages.relaxed_fit.stage import compute_relaxed_fit
 
         sequence = common_sequence(inputs)
-        frame = candidate_frame(sequence.frames(), **given.parameters)
+        frame = candidate_frame(sequence.point_counts.tolist(), **given.parameters)
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
         return compute_relaxed_fit(
@@ -211,8 +211,8 @@ class CanonicalFrameTask(CommonTask):
     also = ("final_fit",)
 
     def requires(self) -> dict[str, StageTask]:
-        config = self.job.config.canonical_frame
-        tasks = [FinalFitTask(job=self.job, candidate=rank) for rank in range(len(config.frames) or config.candidates)]
+        tried = self.job.config.canonical_frame.tried(self.job.frame_count)
+        tasks = [FinalFitTask(job=self.job, candidate=rank) for rank in range(tried)]
         return super().requires() | {task.label: task for task in tasks}
 
     @staticmethod

@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from schemas.config import FinalFitConfig
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial import ConvexHull
+
+from schemas.config import FEW_FRAMES, FinalFitConfig
 from schemas.kinematic import Candidate, CanonicalChoice, KinematicModel
 from schemas.sequence import PointSequence
 from stages.final_fit.shared_energy import shared_energies
+from stages.kernels.points.sampling import thinned
+
+AS_GOOD = 1.01  # times the least E_fit: models so near it are told apart by other means
+HULL_POINTS = 20_000  # that tell a cloud's hull
 
 
 def compute_canonical_frame(
@@ -20,8 +28,9 @@ def compute_canonical_frame(
     """The candidate with the lowest energy, and all candidates' energies.
 
     The energy is E_fit, what the final fit leaves of the frames and pays for parts, on clouds that all candidates share
-    (`fit`), or E_project + E_group as published (`project`). Of equal candidates the first wins. Raises ValueError when
-    there is none.
+    (`fit`), or E_project + E_group as published (`project`). Of equal candidates the first wins. Of a few frames, which
+    are states in no order, the most open one wins among those that E_fit hardly tells apart: there parts touch least,
+    so their ends show best. Raises ValueError when there is none.
     """
     if not models:
         raise ValueError("canonical frame: found no candidate, expected at least one")
@@ -36,4 +45,15 @@ def compute_canonical_frame(
         for model, e_fit in zip(models, shared_energies(models, sequence, final_fit), strict=True)
     )
     energies = [one.e_fit if by == "fit" else one.e_project + one.e_group for one in candidates]
-    return CanonicalChoice(candidates=candidates, model=models[energies.index(min(energies))])
+    chosen = energies.index(min(energies))
+    if by == "fit" and sequence.frame_count <= FEW_FRAMES:
+        frames = sequence.frames()
+        as_good = [k for k, energy in enumerate(energies) if energy <= AS_GOOD * energies[chosen]]
+        chosen = max(as_good, key=lambda k: openness(frames[models[k].canonical_frame]))
+    return CanonicalChoice(candidates=candidates, model=models[chosen])
+
+
+def openness(p: Float64[np.ndarray, "points 3"]) -> float:
+    """The volume of a cloud's convex hull."""
+    p = p[thinned(len(p), HULL_POINTS)]
+    return float(ConvexHull(p, qhull_options="QJ").volume)  # QJ: flat clouds have a hull, too

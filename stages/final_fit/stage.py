@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.config import FinalFitConfig
+from schemas.config import FEW_FRAMES, FinalFitConfig
 from schemas.flow import Flow
 from schemas.joints import PRISMATIC, REVOLUTE, JointKind
 from schemas.kinematic import KinematicModel
@@ -24,7 +24,6 @@ from stages.relaxed_fit.reconstruction_energy import ReconstructionEnergy
 from stages.support.progress import Progress, silent
 
 STEPS = 4
-FEW_FRAMES = 6  # with coordinates of their own, in which no hidden links are told
 
 
 def compute_final_fit(

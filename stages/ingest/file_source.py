@@ -58,6 +58,13 @@ class FileSource:
                 total.update(role.encode() + os.fsencode(names.get(file, file.name)) + b"\0" + _file_digest(file))
         return total.hexdigest()
 
+    def frame_count(self, config: IngestConfig) -> int | None:
+        """Every so many of the files of a folder; not known of one file with all frames, and of depth images."""
+        path = self.frames_path
+        if not is_folder(path) or is_depth_folder(path):
+            return None
+        return len(range(0, len(frame_files(path)), config.every))
+
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """Load the frames as a normalised sequence, with the ground truth beside them or in their correspondence."""
         if config.correspond:

@@ -27,6 +27,9 @@ class RegisteredSource:
         """SHA-256 (hex) of the sequence. Raises InputError for a file that cannot be read."""
         return sequence_digest(self.path, self.entry)
 
+    def frame_count(self, config: IngestConfig) -> None:
+        """Not known before the frames are chosen."""
+
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """Sample the chosen frames anew, as a normalised sequence with its true surface."""
         from stages.ingest.corresponding import chosen_frames, sampled_sequence

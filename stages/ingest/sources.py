@@ -41,6 +41,9 @@ class Source(Protocol):
     def digest(self) -> str:
         """SHA-256 (hex) of everything that `load` reads. It is cheap, and imports neither torch nor Open3D."""
 
+    def frame_count(self, config: IngestConfig) -> int | None:
+        """How many frames `load` gives; None where that cannot be told without reading them."""
+
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """Load the sequence in the normalised frame. Raises InputError if it cannot be used."""
 
@@ -66,6 +69,10 @@ class DescribedSource(ABC):
         from stages.ingest.roboart import description_digest
 
         return hashlib.sha256(f"{description_digest(self.description())} {self.variant}".encode()).hexdigest()
+
+    def frame_count(self, config: IngestConfig) -> int:
+        """Every so many of the frames that are built."""
+        return len(range(0, config.roboart.frames, config.every))
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The sampled frames as a normalised sequence, in metres, with full ground truth."""
@@ -118,6 +125,10 @@ class HumanSource:
         from stages.ingest.humans.catalogue import EDITION
 
         return hashlib.sha256(f"humans {EDITION} {model_version()} {self.name}".encode()).hexdigest()
+
+    def frame_count(self, config: IngestConfig) -> int:
+        """Every so many of the frames that are built."""
+        return len(range(0, config.humans.frames, config.every))
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """The sampled frames as a normalised sequence, in metres, with full ground truth."""

@@ -40,6 +40,9 @@ class NumberSource:
     content: str = "content"
     refuses: str = ""
 
+    def frame_count(self, config) -> None:
+        return None
+
     def digest(self) -> str:
         if self.refuses == "digest":
             raise InputError(f"{self.name}: cannot be read")

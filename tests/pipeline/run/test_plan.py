@@ -44,14 +44,29 @@ def test_a_final_fit_setting_changes_only_the_keys_from_the_final_fit_on(data):
     before, after = (labels(plan(request(data, settings))[0]) for settings in ((), ["final_fit.reach=0.5"]))
     changed = {label for label in before if before[label] != after[label]}
     after_it = {"canonical_frame", "assessment", "result", "export", "evaluation", "report"}
-    assert changed == {"final_fit[0]", "final_fit[1]", *after_it}
+    assert changed == {*(label for label in before if label.startswith("final_fit[")), *after_it}
 
 
 def test_one_more_candidate_leaves_the_others_as_they_are(data):
-    before, after = (labels(plan(request(data, settings))[0]) for settings in ((), ["canonical_frame.candidates=3"]))
+    before, after = (
+        labels(plan(request(data, [f"canonical_frame.candidates={count}", "canonical_frame.fits=9"]))[0])
+        for count in (2, 3)
+    )
     assert after.keys() - before.keys() == {"relaxed_fit[2]", "projection[2]", "merging[2]", "final_fit[2]"}
     assert before["merging[1]"] == after["merging[1]"]
     assert before["canonical_frame"] != after["canonical_frame"]
+
+
+@pytest.mark.parametrize(("count", "every", "tried"), [(3, 1, 3), (6, 1, 6), (7, 1, 2), (10, 2, 5)])
+def test_all_of_a_few_frames_are_tried_each_with_a_relaxed_fit_of_its_own(tmp_path, count, every, tried):
+    for frame in range(count):
+        np.save(tmp_path / f"{frame}.npy", np.random.default_rng(frame).uniform(size=(40, 3)))
+    (job,) = plan(request(tmp_path, [f"ingest.every={every}"], frames=tmp_path))
+    tasks = {task.label: task for task in upstream_first(final_tasks(job))}
+    finals = [label for label in tasks if label.startswith("final_fit")]
+    assert finals == [f"final_fit[{rank}]" for rank in range(tried)]
+    own = ["flow" in tasks[f"relaxed_fit[{rank}]"].requires() for rank in range(tried)]
+    assert own == ([True] * tried if tried > 2 else [True, False])
 
 
 def test_named_canonical_frames_are_the_candidates(data):
