@@ -107,6 +107,12 @@ def read_depth_frames(folder: Path, config: DepthImagesConfig, every: int, max_p
     return frames
 
 
+def declared_depth_frames(folder: Path) -> int:
+    """How many frames such a folder holds: one for each image, or for each folder of images."""
+    images = [file for file in visible_files(folder / DEPTH) if file.suffix.lower() in _DEPTHS]
+    return len(images or visible_folders(folder / DEPTH))
+
+
 def _views(folder: Path) -> list[View]:
     """The images in the order of the frames."""
     images = [file for file in visible_files(folder / DEPTH) if file.suffix.lower() in _DEPTHS]

@@ -14,11 +14,11 @@ from schemas.config import IngestConfig
 from schemas.errors import InputError
 from schemas.sequence import IngestedSequence, LengthUnit
 from stages.ingest.assembly import assembled, every_frame
-from stages.ingest.depth_folder import depth_files, is_depth_folder, read_depth_frames
+from stages.ingest.depth_folder import declared_depth_frames, depth_files, is_depth_folder, read_depth_frames
 from stages.ingest.formats.mesh_pieces import MeshSampling
 from stages.ingest.listing import is_file, is_folder, safe_name
 from stages.ingest.messages import unreadable
-from stages.ingest.readers import Frame, frame_files, read_frames
+from stages.ingest.readers import Frame, declared_frames, frame_files, read_frames
 from stages.ingest.roboart_pickles import has_transforms
 from stages.ingest.sequences import FRAMES_NAME, TRUTH_NAME, holds_frames
 from stages.ingest.truth import read_truth, truth_files
@@ -59,11 +59,10 @@ class FileSource:
         return total.hexdigest()
 
     def frame_count(self, config: IngestConfig) -> int | None:
-        """Every so many of the files of a folder; not known of one file with all frames, and of depth images."""
+        """Every so many of the frames that names and headers declare."""
         path = self.frames_path
-        if not is_folder(path) or is_depth_folder(path):
-            return None
-        return len(range(0, len(frame_files(path)), config.every))
+        declared = declared_depth_frames(path) if is_depth_folder(path) else declared_frames(path)
+        return None if declared is None else len(range(0, declared, config.every))
 
     def load(self, config: IngestConfig, rng: np.random.Generator) -> IngestedSequence:
         """Load the frames as a normalised sequence, with the ground truth beside them or in their correspondence."""

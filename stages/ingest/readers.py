@@ -27,7 +27,7 @@ from stages.ingest.order import in_order
 from stages.ingest.point_formats import AMBIGUOUS_SUFFIXES, FRAME_SUFFIXES, read_cloud
 from stages.ingest.roboart_pickles import is_state, read_state_points
 
-__all__ = ["Frame", "frame_files", "load_npz", "read_frames"]
+__all__ = ["Frame", "declared_frames", "frame_files", "load_npz", "read_frames"]
 
 _log = logging.getLogger("rearticulate.ingest")
 
@@ -86,6 +86,22 @@ def frame_files(folder: Path) -> list[Path]:
     found = certain or meshes or [file for file in files if _looks_like_frame(file)]
     by_name = {file.name: file for file in found}
     return [by_name[name] for name in in_order(list(by_name)).names]
+
+
+def declared_frames(path: Path) -> int | None:
+    """How many frames a folder or a file holds by names and headers; None where these do not tell."""
+    if is_folder(path):
+        return len(frame_files(path))
+    try:
+        match path.suffix.lower():
+            case ".npz":
+                return find_frames(path).count
+            case ".npy":
+                shape, _ = npy_header(path)
+                return shape[0] if len(shape) == 3 else None
+    except (InputError, TooLargeError, ValueError, OSError):
+        return None  # reading it reports the error
+    return None
 
 
 def clouds(files: list[Path]) -> list[Path]:

@@ -370,3 +370,9 @@ def test_a_known_viewpoint_of_ordinary_clouds_is_kept(tmp_path: Path) -> None:
     sequence = source.load(IngestConfig(viewpoint=(1.0, -2.0, 3.0)), rng).sequence
     np.testing.assert_allclose(sequence.to_input(sequence.viewpoints), [[[1, -2, 3]]] * 2)
     assert source.load(IngestConfig(), rng).sequence.viewpoints is None
+
+
+@pytest.mark.parametrize(("every", "expected"), [(1, 5), (2, 3)])
+def test_the_count_of_frames_is_known_before_they_are_read(tmp_path: Path, every: int, expected: int) -> None:
+    source = file_source(sequence(tmp_path / "still", frames=5))
+    assert source.frame_count(IngestConfig(every=every)) == expected == len(read(tmp_path / "still")[::every])

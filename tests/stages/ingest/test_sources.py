@@ -458,3 +458,26 @@ def test_folders_of_a_cloud_and_its_colours_are_no_sequences(tmp_path: Path) -> 
         for file in ("cloud", "color"):
             np.save(tmp_path / name / f"{file}.npy", np.ones((40, 3)))
     assert "a folder for each frame (scan1/cloud.npy, scan2/cloud.npy, ...)" in refusal(CONFIG, tmp_path)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("kind", ["folder", "npy", "npz", "npz of frames"])
+def test_the_count_of_frames_is_known_before_they_are_read(tmp_path, kind, every):
+    frames = np.random.default_rng(0).uniform(size=(5, 40, 3))
+    path = tmp_path / f"lamp.{kind[:3]}" if kind != "folder" else tmp_path
+    if kind == "folder":
+        for number, frame in enumerate(frames):
+            np.save(tmp_path / f"{number}.npy", frame)
+    elif kind == "npy":
+        np.save(path, frames)
+    elif kind == "npz":
+        np.savez(path, points=frames)
+    else:
+        np.savez(path, *frames)
+    source, config = file_source(path), IngestConfig(every=every)
+    assert source.frame_count(config) == source.load(config, np.random.default_rng(0)).sequence.frame_count
+
+
+def test_a_damaged_file_has_no_count_of_frames(tmp_path):
+    (tmp_path / "lamp.npy").write_bytes(b"\x93NUMPY damaged")
+    assert file_source(tmp_path / "lamp.npy").frame_count(IngestConfig()) is None
