@@ -245,7 +245,7 @@ def fit(frames: Sequence[Float64[np.ndarray, "points 3"]], config: PipelineConfi
     sequence = normalise(named, config.ingest, "metre")
     rng = np.random.default_rng(config.seed)
     flow = compute_flow(sequence, config.flow, rng)
-    candidates = candidate_frames(sequence, config.canonical_frame)
+    candidates = candidate_frames(sequence.point_counts.tolist(), config.canonical_frame)
     first = compute_relaxed_fit(sequence, flow, candidates[0], config.relaxed_fit, rng)
     models = []
     for rank, frame in enumerate(candidates):

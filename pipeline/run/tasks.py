@@ -64,7 +64,7 @@ class AlignmentTask(StageTask):
     def check(self, inputs: Inputs) -> None:
         from stages.canonical_frame.candidates import candidate_frames
 
-        candidate_frames(inputs["ingest"].sequence, self.job.config.canonical_frame)
+        candidate_frames(inputs["ingest"].sequence.point_counts.tolist(), self.job.config.canonical_frame)
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> Alignment:
@@ -146,7 +146,7 @@ class RelaxedFitTask(CandidateTask):
         from stages.relaxed_fit.stage import compute_relaxed_fit
 
         sequence = common_sequence(inputs)
-        frame = candidate_frame(sequence, **given.parameters)
+        frame = candidate_frame(sequence.point_counts.tolist(), **given.parameters)
         if "relaxed_fit" in inputs:
             return carry_over(inputs["relaxed_fit"], sequence, frame)
         return compute_relaxed_fit(
