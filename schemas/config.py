@@ -521,7 +521,9 @@ class FinalFitConfig(Settings):
         default=0.5, ge=0, description="a root that moves less (RMS, in point spacings) is held still"
     )
     hidden_links: bool = Field(
-        default=True, description="insert links that the motion needs although no point belongs to them"
+        default=True,
+        description="insert links that the motion needs although no point belongs to them; never where known cameras "
+        f"saw a part only, or in up to {FEW_FRAMES} frames with coordinates of their own",
     )
     link_tolerance: float = Field(
         default=0.25,

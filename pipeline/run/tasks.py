@@ -195,13 +195,11 @@ class FinalFitTask(CandidateTask):
 
     @staticmethod
     def compute(inputs: Inputs, given: Given) -> KinematicModel:
-        from stages.final_fit.stage import compute_final_fit, of_own_frames
+        from stages.final_fit.stage import compute_final_fit, suited_to
 
         model, sequence = inputs["merging"], common_sequence(inputs)
         settings = given.settings
-        config = settings.final_fit
-        if inputs["alignment"].own_frames:
-            config = of_own_frames(config, sequence.frame_count)
+        config = suited_to(settings.final_fit, sequence, inputs["alignment"].own_frames)
         kinds, middle_root = settings.projection.kinds, settings.projection.root == "middle"
         return compute_final_fit(model, sequence, inputs["flow"], config, given.rng, given.progress, kinds, middle_root)
 

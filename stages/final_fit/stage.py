@@ -76,13 +76,19 @@ def compute_final_fit(
     return fitted.replace(energies=energies | {"E_fit": fit_energy(fit, frames, part_price)})
 
 
-def of_own_frames(config: FinalFitConfig, frames: int) -> FinalFitConfig:
-    """The settings for frames that had coordinates of their own.
+def suited_to(config: FinalFitConfig, sequence: PointSequence, own_frames: bool) -> FinalFitConfig:
+    """The settings as they suit the frames.
 
-    Registration leaves small motions of the whole, so the root is not held still. What it leaves and what is not seen
-    would be explained by hidden links where frames are few.
+    Of frames that had coordinates of their own, registration leaves small motions of the whole, so the root is not held
+    still. Hidden links would explain what registration leaves where frames are few, and what known cameras did not see.
     """
-    return config.model_copy(update={"still_root": 0.0, "hidden_links": config.hidden_links and frames > FEW_FRAMES})
+    no_links = (own_frames and sequence.frame_count <= FEW_FRAMES) or sequence.viewpoints is not None
+    return config.model_copy(
+        update={
+            "still_root": 0.0 if own_frames else config.still_root,
+            "hidden_links": config.hidden_links and not no_links,
+        }
+    )
 
 
 def fit_energy(fit: Fit, frames: Frames, part_price: float) -> float:

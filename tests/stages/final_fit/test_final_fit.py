@@ -4,7 +4,7 @@ import pytest
 from schemas.config import FinalFitConfig, ProjectionConfig
 from schemas.joints import REVOLUTE
 from stages.final_fit import stage
-from stages.final_fit.stage import compute_final_fit
+from stages.final_fit.stage import compute_final_fit, suited_to
 from stages.kernels.kinematics.tree import joint_transforms
 from stages.projection.stage import link_parts
 
@@ -164,3 +164,20 @@ def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
     fit(parts_of(hinge), hinge)
     assert prices == [9 * CONFIG.part_price, 9 / 4 * CONFIG.part_price]
     assert fitted.part_count == 2
+
+
+@pytest.mark.parametrize("own_frames", [False, True])
+@pytest.mark.parametrize("cameras_known", [False, True])
+@pytest.mark.parametrize("frames", [5, 10])
+def test_hidden_links_are_not_looked_for_where_too_little_is_seen(hinge, frames, cameras_known, own_frames):
+    sequence = hinge.sequence.replace(
+        points=np.zeros((frames, 3)),
+        point_counts=np.ones(frames, dtype=np.int64),
+        dropped_counts=np.zeros(frames, dtype=np.int64),
+        frame_names=("",) * frames,
+        viewpoints=np.zeros((frames, 1, 3)) if cameras_known else None,
+    )
+    config = suited_to(FinalFitConfig(), sequence, own_frames)
+    assert config.hidden_links == (not cameras_known and not (own_frames and frames == 5))
+    assert config.still_root == (0.0 if own_frames else FinalFitConfig().still_root)
+    assert not suited_to(FinalFitConfig(hidden_links=False), sequence, own_frames).hidden_links
