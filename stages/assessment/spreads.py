@@ -16,7 +16,9 @@ from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import KDTree, nearest
 from stages.kernels.points.sampling import farthest_points
 
-SCALE = 1.7  # by which errors exceed those that residuals show: so spreads were calibrated (benchmarks/verdict.py)
+# By how much errors exceed those that residuals show, as calibrated by benchmarks/verdict.py: by SCALE where frames are
+# many. Few frames hardly show the errors that all points of a frame have in common.
+SCALE, MANY_FRAMES = 1.2, 11.0
 PART, TYPE = (CONFIDENCES.index(name) for name in ("part", "type"))
 PATCH = 40  # points whose errors are taken for one: neighbours share what is wrong with their surface
 USUAL = 50.0  # pairs of the whole model's residual variance that each part's is mixed with
@@ -35,7 +37,8 @@ def joint_spreads(
     tree = fit.chain.tree
     if not len(tree.child):
         return ()
-    covariances = axis_covariances(fit, frames, SCALE)
+    scale = SCALE * np.sqrt(1 + MANY_FRAMES / len(frames.registration.others))
+    covariances = axis_covariances(fit, frames, scale)
     sure = np.ones(len(tree.child)) if confidence is None else confidence[:, [PART, TYPE]].min(axis=1)
     spreads = []
     for kind, axis, covariance, unsure in zip(tree.kinds, tree.axis, covariances, 1 - sure, strict=True):
