@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.assessment import Evidence
 from stages.final_fit.labelling import label_problem
 from stages.final_fit.working import Fit, Frames
+from stages.kernels.alignment.registration import Registration
+from stages.kernels.motion.rigid_motion import inverse, move_points
 
 OFF = 3.0  # spacings from the model beyond which a point is unexplained: sampled surfaces have gaps of up to two
 BONUS = 0.1  # what each point is paid that goes over to a part, in costs of a point: below what evidence brings
@@ -24,10 +26,22 @@ def evidence_of(fit: Fit, frames: Frames) -> Evidence:
         pairs = registration.pairs(t, fit.labels, fit.chain.Ts)
         left = registration.pair_costs(t, pairs)[pairs.observable].mean()
         excess[t] = 2 * left / max(floor + _floor(frames, t), 1e-12)
-        back = slice(len(fit.labels), None)
-        unexplained[t] = float(np.mean((pairs.distance > OFF)[back] & pairs.observable[back]))
+        off = np.flatnonzero(pairs.distance[len(fit.labels) :] > OFF)
+        unexplained[t] = np.count_nonzero(_shown_before(fit, registration, t, off)) / len(registration.frames[t])
     firmness, open_share = label_firmness(fit, frames)
     return Evidence(excess=excess, unexplained=unexplained, firmness=firmness, open_share=open_share)
+
+
+def _shown_before(
+    fit: Fit, registration: Registration, t: int, index: Int64[np.ndarray, "points"]
+) -> Bool[np.ndarray, "points"]:
+    """Which points of frame t would lie where the canonical frame shows them, whichever part they belong to."""
+    p = registration.frames[t][index]
+    far = np.full(len(index), np.inf)
+    hidden = [
+        registration.hides(registration.canonical_frame, move_points(T, p), far) for T in inverse(fit.chain.Ts[t])
+    ]
+    return ~np.any(hidden, axis=0)
 
 
 def _floor(frames: Frames, t: int) -> float:

@@ -45,3 +45,23 @@ def test_a_part_that_no_motion_tells_from_its_neighbour_is_not_firm(round_cap):
     assert found.firmness.min() < 0.3
     assert found.open_share > 0.1
     assert found.excess.max() < 1.3  # though all frames fit
+
+
+def test_what_the_canonical_frames_camera_could_not_see_is_not_held_against_a_model(hinged, changed):
+    """A frame shows a plate below the thing, which the canonical frame's camera sees from above only."""
+    model, sequence = hinged
+    low, high = sequence.points.min(axis=0), sequence.points.max(axis=0)
+    plate = np.random.default_rng(0).uniform(0.4, 0.6, size=(60, 3)) * (high - low) + low
+    plate[:, 2] = low[2] - 0.5 * (high - low)[2]
+
+    def with_plate(frames):
+        return [np.concatenate([frame, plate]) if t == 0 else frame for t, frame in enumerate(frames)]
+
+    blind = changed(sequence, with_plate)
+    above, below = ((low + high) / 2 + [0.0, 0.0, z] for z in (10.0, -10.0))
+    cameras = np.tile(above, (blind.frame_count, 1, 1))
+    cameras[0] = below
+    seeing = blind.replace(viewpoints=cameras)
+    held_against = evidence(model, blind).unexplained[0]
+    assert held_against > 0.1
+    assert evidence(model, seeing).unexplained[0] < 0.3 * held_against
