@@ -501,13 +501,16 @@ class CanonicalFrameConfig(Settings):
 
     def tried(self, frame_count: int | None) -> int:
         """How many frames are tried, of so many; the count of frames is None where it is not known yet."""
-        few = frame_count is not None and frame_count <= FEW_FRAMES
-        return len(self.frames) or self.candidates or (frame_count if frame_count and few else 2)
+        return len(self.frames) or self.candidates or _few(frame_count) or 2
 
     def fitted(self, frame_count: int | None) -> int:
         """How many of them have a relaxed fit of their own."""
-        few = frame_count is not None and frame_count <= FEW_FRAMES
-        return self.fits or (self.tried(frame_count) if few else 1)
+        return self.fits or (self.tried(frame_count) if _few(frame_count) else 1)
+
+
+def _few(frame_count: int | None) -> int:
+    """The count of frames where it is known and small, else 0."""
+    return frame_count if frame_count is not None and frame_count <= FEW_FRAMES else 0
 
 
 class FinalFitConfig(Settings):
@@ -522,8 +525,8 @@ class FinalFitConfig(Settings):
     )
     hidden_links: bool = Field(
         default=True,
-        description="insert links that the motion needs although no point belongs to them; never where known cameras "
-        f"saw a part only, or in up to {FEW_FRAMES} frames with coordinates of their own",
+        description="insert links that the motion needs although no point belongs to them; never where cameras "
+        f"are known, or in up to {FEW_FRAMES} frames with coordinates of their own",
     )
     link_tolerance: float = Field(
         default=0.25,
