@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 from sklearn.metrics import adjusted_rand_score
 
 from schemas.assessment import Evidence
@@ -24,24 +24,22 @@ def evidence_of(fit: Fit, frames: Frames) -> Evidence:
     floor = _floor(frames, frames.canonical_frame)
     for t in registration.others:
         pairs = registration.pairs(t, fit.labels, fit.chain.Ts)
-        left = registration.pair_costs(t, pairs)[pairs.observable].mean()
+        left = registration.pair_costs(t, pairs)[pairs.tells > 0].mean()
         excess[t] = 2 * left / max(floor + _floor(frames, t), 1e-12)
         off = np.flatnonzero(pairs.distance[len(fit.labels) :] > OFF)
-        unexplained[t] = np.count_nonzero(_shown_before(fit, registration, t, off)) / len(registration.frames[t])
+        unexplained[t] = _told_before(fit, registration, t, off).sum() / len(registration.frames[t])
     firmness, open_share = label_firmness(fit, frames)
     return Evidence(excess=excess, unexplained=unexplained, firmness=firmness, open_share=open_share)
 
 
-def _shown_before(
+def _told_before(
     fit: Fit, registration: Registration, t: int, index: Int64[np.ndarray, "points"]
-) -> Bool[np.ndarray, "points"]:
-    """Which points of frame t would lie where the canonical frame shows them, whichever part they belong to."""
+) -> Float64[np.ndarray, "points"]:
+    """How much it says that the canonical frame lacks points of frame t, whichever part they belong to."""
     p = registration.frames[t][index]
     far = np.full(len(index), np.inf)
-    hidden = [
-        registration.hides(registration.canonical_frame, move_points(T, p), far) for T in inverse(fit.chain.Ts[t])
-    ]
-    return ~np.any(hidden, axis=0)
+    told = [registration.tells(registration.canonical_frame, move_points(T, p), far) for T in inverse(fit.chain.Ts[t])]
+    return np.min(told, axis=0)
 
 
 def _floor(frames: Frames, t: int) -> float:

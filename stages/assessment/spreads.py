@@ -114,7 +114,7 @@ def plane_equations(fit: Fit, frames: Frames) -> PlaneEquations:
     for t in registration.others:
         pairs = registration.pairs(t, labels, Ts)
         of = labels[pairs.source]
-        weight = registration.shares[t] * robust_weight(pairs.distance, frames.reach) * pairs.observable
+        weight = registration.shares[t] * robust_weight(pairs.distance, frames.reach) * pairs.tells
         along, residual = _plane_rows(pairs, (pairs.p - centres[t, of]) / frames.spacing)
         weighted = weight[:, None] * along
         for k in range(parts):

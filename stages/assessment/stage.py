@@ -14,7 +14,7 @@ from stages.final_fit.working import Fit, chain_of, contact_points, root_moves, 
 
 def compute_assessment(model: KinematicModel, sequence: PointSequence, config: FinalFitConfig) -> Assessment:
     """Judge the chosen model by the clouds, on the points that the final fit works on."""
-    frames = working_frames(sequence, model.canonical_frame, config)
+    frames = working_frames(sequence, model.canonical_frame, config, models=[model])
     model = model.replace(point=contact_points(model, frames.p_all))
     chain = chain_of(model, root_moves(model.Ts_frame_canonical[:, model.root]))
     fit = Fit(chain, model.labels[frames.index])

@@ -1,3 +1,3 @@
 """Choice of the canonical frame among candidates: the lowest energy (A.5)."""
 
-VERSION = 8  # raise it when the same input gives other results: what was made before is made anew
+VERSION = 9  # raise it when the same input gives other results: what was made before is made anew

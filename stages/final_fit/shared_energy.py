@@ -22,7 +22,7 @@ def shared_energies(models: Sequence[KinematicModel], sequence: PointSequence, c
     totals = np.zeros(len(models))
     references = sorted({model.canonical_frame for model in models})
     for reference in references:
-        clouds = working_frames(sequence, reference, config)
+        clouds = working_frames(sequence, reference, config, models=models)
         for index, model in enumerate(models):
             labels, Ts = seen_from(
                 reference, clouds.p, frames[model.canonical_frame], model.labels, model.Ts_frame_canonical

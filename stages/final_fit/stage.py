@@ -44,7 +44,7 @@ def compute_final_fit(
     `middle_root` the root of a body that nothing holds is the part in the middle of its tree. Deterministic; `rng` is
     not drawn from.
     """
-    frames = working_frames(sequence, model.canonical_frame, config, kinds)
+    frames = working_frames(sequence, model.canonical_frame, config, kinds, [model])
     part_price, link_price, freedom_price = (
         frames.price(price) for price in (config.part_price, config.link_price, config.freedom_price)
     )

@@ -12,7 +12,8 @@ from schemas.config import FinalFitConfig
 from schemas.joints import PRISMATIC, REVOLUTE, JointKind, parents_first
 from schemas.kinematic import KinematicModel
 from schemas.sequence import PointSequence
-from stages.kernels.alignment.evidence import price_over
+from stages.kernels.alignment.carry_over import seen_from
+from stages.kernels.alignment.evidence import price_over, views_from_outside
 from stages.kernels.alignment.registration import Registration
 from stages.kernels.kinematics.chain import Chain, Joint, fit_chain
 from stages.kernels.kinematics.closed_form import fit_joint, nearest_point_to_origin
@@ -97,12 +98,22 @@ def working_frames(
     canonical_frame: int,
     config: FinalFitConfig,
     kinds: tuple[JointKind, ...] = (REVOLUTE, PRISMATIC),
+    models: Sequence[KinematicModel] = (),
 ) -> Frames:
-    """At most `config.points` well spread points of each frame."""
+    """At most `config.points` well spread points of each frame.
+
+    Models tell whether the frames were seen from outside only (views_from_outside).
+    """
     frames = sequence.frames()
     chosen = [working_points(frame, config.points) for frame in frames]
     clouds = [frame[index] for frame, index in zip(frames, chosen, strict=True)]
     registration = Registration(clouds, canonical_frame, viewpoints=sequence.viewpoints)
+    if models and sequence.viewpoints is None:
+        seen = [
+            seen_from(canonical_frame, registration.p, frames[one.canonical_frame], one.labels, one.Ts_frame_canonical)
+            for one in models
+        ]
+        registration.views = views_from_outside(registration, seen)
     return Frames(registration, frames[canonical_frame], chosen[canonical_frame], canonical_frame, config, kinds)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from stages.kernels.alignment.registration import Registration
-from stages.kernels.alignment.visibility import sum_of_seen
+from stages.kernels.alignment.visibility import WALL, Exposure, sum_of_seen
 from stages.kernels.motion.rigid_motion import move_points
 from stages.kernels.points.nearest import nearest
 
@@ -16,7 +16,11 @@ NEAREST = 3  # points of a frame that stand for its surface near a moved point
 NEAR = 0.7  # radius, in spacings, within which they count
 FUSED_PLANE_SPREAD = 0.2  # of distances from the plane that all frames share, in spacings, where the motion is right
 USUAL_FRAMES = 9  # besides the canonical one
+ENCLOSED_SHOWN = 0.24  # where more of the points are enclosed, what is enclosed was sampled too
+ENCLOSED_EMPTY = 0.02  # where fewer of the enclosed places of parts are empty, likewise
+EMPTY = 3.0  # spacings from a place within which no point lies
 CHUNK = 600_000  # places of entries in frames looked at together, for memory's sake
+Model = tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "frames parts 4 4"]]  # labels, and motions of the parts
 
 
 def price_over(evidence: float, price: float) -> float:
@@ -27,6 +31,25 @@ def price_over(evidence: float, price: float) -> float:
     they are. More frames than usual do not lower a price.
     """
     return price * max(1.0, USUAL_FRAMES / evidence)
+
+
+def views_from_outside(registration: Registration, models: Sequence[Model]) -> list[Exposure] | None:
+    """What was seen of each frame if it was seen from outside only; None where models tell that it was not so.
+
+    Frames that were show few points of what they enclose, and places that parts have there by their motions are often
+    empty.
+    """
+    frames, spacings = registration.frames, registration.spacings
+    views = [Exposure.of(frame, spacing) for frame, spacing in zip(frames, spacings, strict=True)]
+    shown = np.mean([(view.at(frame) < WALL).mean() for view, frame in zip(views, frames, strict=True)])
+    enclosed = empty = 0
+    for labels, Ts in models:
+        for t in registration.others:
+            p = move_points(Ts[t, labels], registration.p)
+            p = p[views[t].at(p) < WALL]
+            enclosed += len(p)
+            empty += int(np.count_nonzero(nearest(registration.trees[t], p)[0] > EMPTY * registration.spacings[t]))
+    return views if shown < ENCLOSED_SHOWN and empty > ENCLOSED_EMPTY * enclosed else None
 
 
 def motion_cost(
@@ -66,8 +89,9 @@ def gross_cost(
     for slot, t in enumerate(frames):
         moved = move_points(Ts[t, part], p[point])
         distance = nearest(registration.trees[t], moved)[0] / registration.spacings[t]
-        costs[slot] = np.minimum(0.5 * distance**2, registration.truncation)
-        hidden[slot] = registration.hides(t, moved, distance)
+        tells = registration.tells(t, moved, distance)
+        costs[slot] = np.minimum(0.5 * distance**2, registration.truncation * tells)
+        hidden[slot] = tells == 0
     return sum_of_seen(costs, hidden, 0) / len(frames)
 
 
@@ -77,7 +101,7 @@ def _cost(
     part: Int64[np.ndarray, "entries"],
     Ts: Float64[np.ndarray, "frames parts 4 4"],
 ) -> Float64[np.ndarray, "entries"]:
-    carried, distance, hidden = _carried_back(registration, p, part, Ts)
+    carried, distance, tells = _carried_back(registration, p, part, Ts)
     cloud = carried.reshape(len(p), -1, 3)
     weights = np.exp(-0.5 * (cloud**2).sum(axis=-1) / NEAR**2) + 1e-6
     weights /= weights.sum(axis=1, keepdims=True)
@@ -87,7 +111,8 @@ def _cost(
     plane = np.einsum("ni,nti->nt", normal, carried[:, :, 0] - mean[:, None]) / FUSED_PLANE_SPREAD
     own = np.einsum("ni,ni->n", normal, mean) / FUSED_PLANE_SPREAD
     most = registration.truncation
-    total = sum_of_seen(np.minimum(plane**2 + 0.5 * distance**2, most), hidden, 1) + np.minimum(own**2, most)
+    costs = np.minimum(plane**2 + 0.5 * distance**2, most * tells)
+    total = sum_of_seen(costs, tells == 0, 1) + np.minimum(own**2, most)
     return total / len(registration.others)
 
 
@@ -99,16 +124,15 @@ def _carried_back(
 ) -> tuple[
     Float64[np.ndarray, "entries frames nearest 3"],
     Float64[np.ndarray, "entries frames"],
-    Bool[np.ndarray, "entries frames"],
+    Float64[np.ndarray, "entries frames"],
 ]:
     """Offsets to the nearest points, carried back to each point, and the least distance; in each frame's spacings.
 
-    And which frames hide the moved point.
+    Then how much it says where that is far (Registration.tells).
     """
     count = min(NEAREST, *(len(registration.frames[t]) for t in registration.others))
     carried = np.empty((len(p), len(registration.others), count, 3))
-    distance = np.empty((len(p), len(registration.others)))
-    hidden = np.zeros((len(p), len(registration.others)), dtype=bool)
+    distance, tells = np.empty((2, len(p), len(registration.others)))
     for slot, t in enumerate(registration.others):
         T = Ts[t, part]
         moved = move_points(T, p)
@@ -116,5 +140,5 @@ def _carried_back(
         offset = registration.frames[t][index.reshape(len(p), count)] - moved[:, None]
         carried[:, slot] = np.matmul(offset, T[:, :3, :3]) / registration.spacings[t]
         distance[:, slot] = distances.reshape(len(p), count)[:, 0] / registration.spacings[t]
-        hidden[:, slot] = registration.hides(t, moved, distance[:, slot])
-    return carried, distance, hidden
+        tells[:, slot] = registration.tells(t, moved, distance[:, slot])
+    return carried, distance, tells

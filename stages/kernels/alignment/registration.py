@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 
-from stages.kernels.alignment.visibility import View, sum_of_seen
+from stages.kernels.alignment.visibility import Exposure, View, sum_of_seen
 from stages.kernels.motion.rigid_motion import from_parts, inverse, move_points, rotations
 from stages.kernels.points.nearest import KDTree, nearest, neighbours
 from stages.kernels.points.sampling import normals, point_spacing
@@ -42,7 +42,7 @@ class Pairs:
     First each canonical point with its nearest one of the frame, in their order, then each point of the frame with the
     nearest canonical one. `p` is the posed canonical point of each pair and `normal` that of the frame's surface.
     `offset` leads from the frame's point to the posed one, in spacings. `distance` is in the frame's own spacings.
-    Of a pair that is not `observable` one side is hidden in the other one's frame: it says nothing.
+    `tells` is how much it says where the two are far apart: nothing where one side is hidden in the other one's frame.
     """
 
     source: Int64[np.ndarray, "pairs"]
@@ -51,7 +51,7 @@ class Pairs:
     normal: Float64[np.ndarray, "pairs 3"]
     offset: Float64[np.ndarray, "pairs 3"]
     distance: Float64[np.ndarray, "pairs"]
-    observable: Bool[np.ndarray, "pairs"]
+    tells: Float64[np.ndarray, "pairs"]
 
 
 class Registration:
@@ -62,7 +62,8 @@ class Registration:
     Lengths inside are in units of `spacing`, the canonical cloud's. Distances in a far sparser frame are in units of
     that frame's own spacing (`spacings`), since its points are that far off however well they fit.
 
-    Where the cameras' places are known (`viewpoints`), what a frame hides says nothing of the motion in that frame.
+    `views` say of each frame what could be seen in it: what could not says nothing of the motion there. They are known
+    where the cameras' places are (`viewpoints`).
     """
 
     def __init__(
@@ -83,10 +84,10 @@ class Registration:
         self.trees = [KDTree(frame) for frame in frames]
         self._normals = [normals(frame) for frame in frames]
         self.canonical_frame = canonical_frame
-        self._views = None
+        self.views: Sequence[View | Exposure] | None = None
         if viewpoints is not None:
             seen = zip(frames, viewpoints, self.spacings, strict=True)
-            self._views = [View.of(frame, p_cameras, spacing) for frame, p_cameras, spacing in seen]
+            self.views = [View.of(frame, p_cameras, spacing) for frame, p_cameras, spacing in seen]
 
     @property
     def evidence(self) -> float:
@@ -107,9 +108,10 @@ class Registration:
         costs, hidden = np.empty((len(self.others), len(index))), np.zeros((len(self.others), len(index)), dtype=bool)
         for slot, t in enumerate(self.others):
             p, target, distance = self._matches(t, index, group, Ts)
+            tells = self.tells(t, p, distance)
             offset = (p - self.frames[t][target]) / self.spacings[t]
-            costs[slot] = _match_cost(self._normals[t][target], offset, distance, self.truncation)
-            hidden[slot] = self.hides(t, p, distance)
+            costs[slot] = _match_cost(self._normals[t][target], offset, distance, self.truncation * tells)
+            hidden[slot] = tells == 0
         return sum_of_seen(costs, hidden, 0) / len(self.others)
 
     def cost_back(self, labels: Int64[np.ndarray, "points"], Ts: Float64[np.ndarray, "frames parts 4 4"]) -> float:
@@ -121,32 +123,36 @@ class Registration:
         for t in self.others:
             p = move_points(Ts[t, labels], self.p)
             distance, source = nearest(KDTree(p), self.frames[t])
+            distance = distance / self.spacings[t]
             offset = (p[source] - self.frames[t]) / self.spacings[t]
-            costs = _match_cost(self._normals[t], offset, distance / self.spacings[t], self.truncation)
-            total += costs[~self._hidden_before(t, labels[source], Ts, distance / self.spacings[t])].sum()
+            most = self.truncation * self._tells_before(t, labels[source], Ts, distance)
+            total += _match_cost(self._normals[t], offset, distance, most).sum()
         return float(total / len(self.others))
 
-    def hides(
+    def tells(
         self, t: int, p: Float64[np.ndarray, "entries 3"], distance: Float64[np.ndarray, "entries"]
-    ) -> Bool[np.ndarray, "entries"]:
-        """Which places frame t hides, given how far its nearest point is, in spacings. None where nobody knows."""
-        hidden = np.zeros(len(p), dtype=bool)
-        if self._views is not None:
-            far = np.flatnonzero(distance > CLOSE)
-            hidden[far] = self._views[t].hides(p[far])
-        return hidden
+    ) -> Float64[np.ndarray, "entries"]:
+        """How much it says of places that frame t is empty there, given how far its nearest point is, in spacings.
 
-    def _hidden_before(
+        That is 1 where nobody knows what was seen, and 0 where the frame hides a place.
+        """
+        tells = np.ones(len(p))
+        if self.views is not None:
+            far = np.flatnonzero(distance > CLOSE)
+            tells[far] = self.views[t].tells(p[far])
+        return tells
+
+    def _tells_before(
         self,
         t: int,
         part: Int64[np.ndarray, "target_points"],
         Ts: Float64[np.ndarray, "frames parts 4 4"],
         distance: Float64[np.ndarray, "target_points"],
-    ) -> Bool[np.ndarray, "target_points"]:
-        """Which points of frame t the canonical frame hides, were they points of the given parts."""
-        if self._views is None:
-            return np.zeros(len(part), dtype=bool)
-        return self.hides(self.canonical_frame, move_points(inverse(Ts[t])[part], self.frames[t]), distance)
+    ) -> Float64[np.ndarray, "target_points"]:
+        """How much it says that the canonical frame lacks points of frame t, were they points of the given parts."""
+        if self.views is None:
+            return np.ones(len(part))
+        return self.tells(self.canonical_frame, move_points(inverse(Ts[t])[part], self.frames[t]), distance)
 
     def refine_groups(
         self,
@@ -169,7 +175,7 @@ class Registration:
                     groups,
                     self._normals[t][target],
                     (p - self.frames[t][target]) / self.spacing,
-                    self.shares[t] * robust_weight(distance, reach) * ~self.hides(t, p, distance),
+                    self.shares[t] * robust_weight(distance, reach) * self.tells(t, p, distance),
                 )
                 hessian += DAMPING * _scaled_identity(hessian)
                 twists = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
@@ -220,7 +226,7 @@ class Registration:
             pairs = self.pairs(t, labels, Ts)
             part, share = labels[pairs.source], self.shares[t]
             arms = (pairs.p - centres[t, part]) / self.spacing
-            weight = robust_weight(pairs.distance, reach) * pairs.observable
+            weight = robust_weight(pairs.distance, reach) * pairs.tells
             hessian[t], gradient[t] = normal_equations(arms, part, parts, pairs.normal, pairs.offset, share * weight)
             squares = share * np.einsum("ni,ni->n", pairs.normal, pairs.offset) ** 2
             cost += float(((squares + POINT_TO_POINT * pairs.distance**2) * np.sqrt(weight)).sum())
@@ -232,18 +238,18 @@ class Registration:
         p, target, distance = self._matches(t, index, labels, Ts)
         back_distance, back = nearest(KDTree(p), self.frames[t])
         back_distance = back_distance / self.spacings[t]
-        hidden = [self.hides(t, p, distance), self._hidden_before(t, labels[back], Ts, back_distance)]
+        tells = [self.tells(t, p, distance), self._tells_before(t, labels[back], Ts, back_distance)]
         source = np.concatenate([index, back])
         target = np.concatenate([target, np.arange(len(back))])
         distance = np.concatenate([distance, back_distance])
         p = p[source]
         normal, offset = self._normals[t][target], (p - self.frames[t][target]) / self.spacing
-        return Pairs(source, target, p, normal, offset, distance, ~np.concatenate(hidden))
+        return Pairs(source, target, p, normal, offset, distance, np.concatenate(tells))
 
     def pair_costs(self, t: int, pairs: Pairs) -> Float64[np.ndarray, "pairs"]:
         """What each pair of frame t costs, as `cost` counts it."""
         offset = pairs.offset * (self.spacing / self.spacings[t])
-        return _match_cost(pairs.normal, offset, pairs.distance, self.truncation)
+        return _match_cost(pairs.normal, offset, pairs.distance, self.truncation * pairs.tells)
 
     def own_costs(self, t: int) -> Float64[np.ndarray, "points"]:
         """What the points of frame t cost against the nearest other one of the same frame.
@@ -347,7 +353,7 @@ def _match_cost(
     normal: Float64[np.ndarray, "entries 3"],
     offset: Float64[np.ndarray, "entries 3"],
     distance: Float64[np.ndarray, "entries"],
-    truncation: float,
+    truncation: float | Float64[np.ndarray, "entries"],
 ) -> Float64[np.ndarray, "entries"]:
     plane = np.einsum("ni,ni->n", normal, offset) / FRAME_PLANE_SPREAD
     return np.minimum(plane**2 + 0.5 * distance**2, truncation)
