@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int64
 
+from stages.final_fit.consensus import consensus_joint
 from stages.final_fit.working import Fit, Frames, best_joint
 from stages.kernels.kinematics.chain import Chain, Joint
 
@@ -63,7 +64,9 @@ def join(fit: Fit, frames: Frames, part: int, into: int) -> Fit:
             joints.append(_numbered(joint, number))
             continue
         parent, child = (into if end == part else end for end in (joint.parent, joint.child))
-        joints.append(_numbered(best_joint(frames.kinds_like(joint.kind), parent, child, labels, frames, Ts), number))
+        kinds = frames.kinds_like(joint.kind)
+        refitted = consensus_joint(kinds, parent, child, labels, frames, Ts)
+        joints.append(_numbered(refitted or best_joint(kinds, parent, child, labels, frames, Ts), number))
     return Fit(Chain.of(joints, int(number[root]), Ts[:, root], tree.free_root), number[labels])
 
 

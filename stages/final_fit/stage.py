@@ -64,6 +64,9 @@ def compute_final_fit(
         progress(3, STEPS)
         fit = _settled(fit, frames, config, config.rounds, config.fused_frames)
         if part_price > 0:
+            pruned = prune(fit, frames, part_price, config.prune_iterations)
+            if pruned.chain.parts < fit.chain.parts:
+                fit = _settled(frames.refine(pruned, config.iterations), frames, config, 1, config.fused_frames)
             fit = hang_slides(fit, frames, part_price, config.iterations)
         fit = simplify_joints(fit, frames, freedom_price)
     if middle_root:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from stages.kernels.alignment.visibility import Exposure, View, sum_of_seen
+from stages.kernels.alignment.visibility import UNSEEN_COST, Exposure, View, sum_of_seen
 from stages.kernels.motion.rigid_motion import from_parts, inverse, move_points, rotations
 from stages.kernels.points.nearest import KDTree, nearest, neighbours
 from stages.kernels.points.sampling import normals, point_spacing
@@ -128,6 +128,15 @@ class Registration:
             most = self.truncation * self._tells_before(t, labels[source], Ts, distance)
             total += _match_cost(self._normals[t], offset, distance, most).sum()
         return float(total / len(self.others))
+
+    def place_costs(self, t: int, p: Float64[np.ndarray, "places 3"]) -> Float64[np.ndarray, "places"]:
+        """What it costs that there is a point at each of some places of frame t; `UNSEEN_COST` where it hides them."""
+        distance, target = nearest(self.trees[t], p)
+        distance = distance / self.spacings[t]
+        tells = self.tells(t, p, distance)
+        offset = (p - self.frames[t][target]) / self.spacings[t]
+        costs = _match_cost(self._normals[t][target], offset, distance, self.truncation * tells)
+        return np.where(tells == 0, UNSEEN_COST, costs)
 
     def tells(
         self, t: int, p: Float64[np.ndarray, "entries 3"], distance: Float64[np.ndarray, "entries"]

@@ -162,7 +162,7 @@ def test_prices_are_higher_where_few_frames_tell(hinge, monkeypatch):
     model = link_parts(sequence.frames()[0], hinge.canonical_labels, Ts, 0, ProjectionConfig())
     fitted = compute_final_fit(model, sequence, flow, CONFIG, np.random.default_rng(0))
     fit(parts_of(hinge), hinge)
-    assert prices == [9 * CONFIG.part_price, 9 / 4 * CONFIG.part_price]
+    assert sorted(set(prices)) == [9 / 4 * CONFIG.part_price, 9 * CONFIG.part_price]
     assert fitted.part_count == 2
 
 
