@@ -29,8 +29,8 @@ def compute_canonical_frame(
 
     The energy is E_fit, what the final fit leaves of the frames and pays for parts, on clouds that all candidates share
     (`fit`), or E_project + E_group as published (`project`). Of equal candidates the first wins. Of a few frames, which
-    are states in no order, the most open one wins among those that E_fit hardly tells apart: there parts touch least,
-    so their ends show best. Raises ValueError when there is none.
+    are states in no order, E_fit hardly tells some apart. Among those the fewest parts win, and of as many the most
+    open frame: there parts touch least, so their ends show best. Raises ValueError when there is none.
     """
     if not models:
         raise ValueError("canonical frame: found no candidate, expected at least one")
@@ -49,7 +49,7 @@ def compute_canonical_frame(
     if by == "fit" and sequence.frame_count <= FEW_FRAMES:
         frames = sequence.frames()
         as_good = [k for k, energy in enumerate(energies) if energy <= AS_GOOD * energies[chosen]]
-        chosen = max(as_good, key=lambda k: openness(frames[models[k].canonical_frame]))
+        chosen = max(as_good, key=lambda k: (-models[k].part_count, openness(frames[models[k].canonical_frame])))
     return CanonicalChoice(candidates=candidates, model=models[chosen])
 
 

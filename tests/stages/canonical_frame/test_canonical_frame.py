@@ -56,6 +56,20 @@ def test_of_few_frames_the_most_open_one_wins_where_both_fit(hinge):
     assert choice.model.canonical_frame == int(np.argmax(volumes))
 
 
+def test_of_few_frames_the_fewest_parts_win_where_all_fit(hinge):
+    most_open = int(np.argmax([openness(p) for p in hinge.sequence.frames()]))
+    models = [candidate(hinge, frame=frame) for frame in range(5)]
+    whole = models[most_open]
+    labels = whole.labels.copy()
+    labels[np.flatnonzero(labels == 1)[::2]] = 2  # every second point of the lid is a part of its own
+    Ts = whole.Ts_frame_canonical[:, [0, 1, 1]]
+    cut = link_parts(hinge.sequence.frames()[most_open], labels, Ts, most_open, ProjectionConfig())
+    models[most_open] = cut.replace(energies=whole.energies)
+    choice = compute_canonical_frame(models, hinge.sequence, "fit", CONFIG.model_copy(update={"part_price": 0.0}))
+    assert choice.candidates[most_open].e_fit < 1.01 * min(one.e_fit for one in choice.candidates)
+    assert choice.model.part_count == 2
+
+
 def test_openness_does_not_depend_on_how_a_scan_lies(hinge):
     p = hinge.sequence.frames()[0]
     T = joint_transforms(np.zeros(3), np.array([0.3, -1.0, 2.0, 1.0, -4.0, 0.5]))
