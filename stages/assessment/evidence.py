@@ -10,6 +10,7 @@ from schemas.assessment import Evidence
 from stages.final_fit.labelling import label_problem
 from stages.final_fit.working import Fit, Frames
 from stages.kernels.alignment.registration import Registration
+from stages.kernels.alignment.visibility import View
 from stages.kernels.motion.rigid_motion import inverse, move_points
 
 OFF = 3.0  # spacings from the model beyond which a point is unexplained: sampled surfaces have gaps of up to two
@@ -26,20 +27,35 @@ def evidence_of(fit: Fit, frames: Frames) -> Evidence:
         pairs = registration.pairs(t, fit.labels, fit.chain.Ts)
         left = registration.pair_costs(t, pairs)[pairs.tells > 0].mean()
         excess[t] = 2 * left / max(floor + _floor(frames, t), 1e-12)
-        off = np.flatnonzero(pairs.distance[len(fit.labels) :] > OFF)
-        unexplained[t] = _told_before(fit, registration, t, off).sum() / len(registration.frames[t])
+        distance, normals = pairs.distance[len(fit.labels) :], pairs.normal[len(fit.labels) :]  # of the frame's points
+        off = np.flatnonzero(distance > OFF)
+        unexplained[t] = _told_before(fit, registration, t, off, normals[off]).sum() / len(distance)
     firmness, open_share = label_firmness(fit, frames)
     return Evidence(excess=excess, unexplained=unexplained, firmness=firmness, open_share=open_share)
 
 
 def _told_before(
-    fit: Fit, registration: Registration, t: int, index: Int64[np.ndarray, "points"]
+    fit: Fit,
+    registration: Registration,
+    t: int,
+    index: Int64[np.ndarray, "points"],
+    normals: Float64[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points"]:
-    """How much it says that the canonical frame lacks points of frame t, whichever part they belong to."""
-    p = registration.frames[t][index]
-    far = np.full(len(index), np.inf)
-    told = [registration.tells(registration.canonical_frame, move_points(T, p), far) for T in inverse(fit.chain.Ts[t])]
-    return np.min(told, axis=0)
+    """How much it says that the canonical frame lacks points of frame t, whichever part they belong to.
+
+    Where cameras are known, it says nothing of surfaces that those of the canonical frame would see from behind or edge
+    on.
+    """
+    canonical, p = registration.canonical_frame, registration.frames[t][index]
+    far, homes = np.full(len(index), np.inf), inverse(fit.chain.Ts[t])
+    told = np.min([registration.tells(canonical, move_points(T, p), far) for T in homes], axis=0)
+    if registration.views is None:
+        return told
+    here, before = registration.views[t], registration.views[canonical]
+    if isinstance(here, View) and isinstance(before, View):
+        outward = here.outward(p, normals)
+        told = told * np.all([before.faces(move_points(T, p), outward @ T[:3, :3].T) for T in homes], axis=0)
+    return told
 
 
 def _floor(frames: Frames, t: int) -> float:

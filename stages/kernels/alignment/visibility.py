@@ -18,6 +18,7 @@ from stages.kernels.points.nearest import KDTree, nearest
 
 BESIDE = 1.5  # spacings across the line of sight within which a seen point hides what lies behind it
 BEHIND = 3.0  # spacings along the line of sight from which on a place is hidden
+EDGE_ON = np.cos(np.radians(80.0))  # cosine of the angle from which on a camera hardly sees a surface
 UNSEEN_COST, UNSEEN_FRAMES = 4.0, 3.0  # what a place costs before any frame shows it, and frames that this is worth
 CELL = 4.0  # of the grid of exposures, in spacings: hardly a cell of a sampled surface is empty
 MOST_CELLS = 100  # of that grid along an axis, however close most points lie
@@ -58,6 +59,26 @@ class View:
             beside = angle * seen[index] < BESIDE * self.spacing
             hidden &= beside & (depths[0] > seen[index] + BEHIND * self.spacing)
         return hidden
+
+    def outward(
+        self, p: Float64[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"]
+    ) -> Float64[np.ndarray, "points 3"]:
+        """Normals of seen surfaces, turned to the side of the camera that they face most."""
+        cosines = self._cosines(p, normals)
+        most = cosines[np.abs(cosines).argmax(axis=0), np.arange(len(p))]
+        return np.where(most[:, None] < 0, -normals, normals)
+
+    def faces(
+        self, p: Float64[np.ndarray, "points 3"], outward: Float64[np.ndarray, "points 3"]
+    ) -> Bool[np.ndarray, "points"]:
+        """Which surfaces some camera could see at all: neither from behind nor edge on."""
+        return (self._cosines(p, outward) > EDGE_ON).any(axis=0)
+
+    def _cosines(
+        self, p: Float64[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"]
+    ) -> Float64[np.ndarray, "cameras points"]:
+        """The cosine of the angle between each normal and the direction to each camera."""
+        return -np.einsum("cpi,pi->cp", _rays(p, self.p_cameras)[0], normals)
 
 
 @dataclass(frozen=True)

@@ -65,3 +65,24 @@ def test_what_the_canonical_frames_camera_could_not_see_is_not_held_against_a_mo
     held_against = evidence(model, blind).unexplained[0]
     assert held_against > 0.1
     assert evidence(model, seeing).unexplained[0] < 0.3 * held_against
+
+
+def test_a_side_that_the_canonical_frames_camera_did_not_face_is_not_held_against_a_model(hinged, changed):
+    """A frame shows the back of a thin screen beside the thing, and the canonical frame's camera is before it."""
+    model, sequence = hinged
+    low, high = sequence.points.min(axis=0), sequence.points.max(axis=0)
+    size = high - low
+    grid = np.stack([axis.ravel() for axis in np.meshgrid(np.linspace(0, 1, 12), [2.0], np.linspace(0, 1, 12))], axis=1)
+    screen = low + grid * size
+
+    def with_screen(frames):
+        return [np.concatenate([frame, screen]) if t == 0 else frame for t, frame in enumerate(frames)]
+
+    changed_sequence = changed(sequence, with_screen)
+    before, behind = ((low + high) / 2 + [0.0, y, 0.0] for y in (-10.0, 10.0))
+    cameras = np.tile(before, (changed_sequence.frame_count, 1, 1))
+    same_side = evidence(model, changed_sequence.replace(viewpoints=cameras.copy())).unexplained[0]
+    cameras[0] = behind
+    other_side = evidence(model, changed_sequence.replace(viewpoints=cameras)).unexplained[0]
+    assert same_side > 0.1
+    assert other_side < 0.3 * same_side

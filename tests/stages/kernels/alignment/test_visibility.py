@@ -34,6 +34,20 @@ def test_what_one_of_the_cameras_sees_is_not_hidden():
     assert not view.hides(np.array([[0.0, 1.0, 0.0]])).any()
 
 
+def test_surfaces_are_seen_from_their_outer_side():
+    """A camera sees the front of a plate, neither its edge nor its back."""
+    view = View.of(plate(0.0), CAMERA, SPACING)
+    p = np.array([[0.0, 0.0, 0.0]] * 3)
+    outward = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    assert view.faces(p, outward).tolist() == [True, False, False]
+    np.testing.assert_array_equal(view.outward(p[:1], -outward[:1]), outward[:1])
+    assert View.of(plate(0.0), np.concatenate([CAMERA, -CAMERA]), SPACING).faces(p, outward).tolist() == [
+        True,
+        False,
+        True,
+    ]
+
+
 def test_sum_of_seen():
     costs = np.array([[1.0, 1.0, 9.0], [2.0, 9.0, 9.0], [3.0, 3.0, 9.0]])
     hidden = np.array([[False, False, True], [False, True, True], [False, False, True]])
